@@ -6,10 +6,17 @@
 //! where it is going; and the rest, if it is wanted. Of what is far away, grades with voxels smaller
 //! than a pixel wait with the rest.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
 
 use glam::Vec3;
-use sightline_world::{PieceId, World, WorldHead, geometry::Aabb, octree::pieces::PartialOctree};
+use sightline_world::{
+    PieceId, World, WorldHead,
+    geometry::Aabb,
+    octree::{Octree, pieces::PartialOctree},
+};
 
 /// How far around the body voxels must be there, in metres.
 const AROUND_M: f32 = 0.5;
@@ -77,13 +84,31 @@ impl PieceFetcher {
     }
 
     /// The world without voxels and without mesh.
-    pub fn world(&self) -> &World {
+    pub fn world(&self) -> &Arc<World> {
         &self.head.world
     }
 
     /// The octree as far as it is here.
     pub fn octree(&self) -> &PartialOctree {
         &self.head.octree
+    }
+
+    /// Takes the octree out. There is an empty one in its place.
+    pub(crate) fn take_octree(&mut self) -> Octree {
+        self.head.octree.take_octree()
+    }
+
+    /// The share of the bytes of all pieces that is here, from 0 to 1.
+    pub fn share(&self) -> f32 {
+        let grades = usize::from(self.head.octree.grades()).max(1);
+        let (mut here, mut all) = (0, 0);
+        for number in 0..self.head.pieces() {
+            let bytes = self.length(number) as u64;
+            all += bytes;
+            let is_here = number % grades < self.head.octree.grades_of(number / grades).into();
+            here += if is_here || self.early.contains_key(&number) { bytes } else { 0 };
+        }
+        here as f32 / all.max(1) as f32
     }
 
     /// The content id and the length in bytes of a piece, if there is one of this number.
@@ -133,9 +158,11 @@ impl PieceFetcher {
         }
     }
 
-    /// Forgets what was asked for: the connection broke.
-    pub fn forget_asked(&mut self) {
-        self.asked.clear();
+    /// Takes in that pieces do not come that were asked for. They are asked for again.
+    pub fn forget(&mut self, numbers: &[usize]) {
+        for number in numbers {
+            self.asked.remove(number);
+        }
     }
 
     /// Whether all voxels are there around a body whose eye is here, so that it can move, and the
@@ -352,7 +379,7 @@ mod tests {
         assert_eq!(fetcher.take(first, damaged), Err(PieceError::Damaged));
         assert_eq!(fetcher.take(999, Vec::new()), Err(PieceError::Unknown));
         assert_eq!(fetcher.next(&outlook(&[]), 1), [first]);
-        fetcher.forget_asked();
+        fetcher.forget(&[first]);
         assert_eq!(fetcher.next(&outlook(&[]), 1), [first]);
     }
 }

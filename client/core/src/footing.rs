@@ -2,7 +2,7 @@
 //! has fallen out of the world.
 
 use glam::Vec3;
-use sightline_world::{World, geometry::Aabb};
+use sightline_world::{World, geometry::Aabb, octree::Octree};
 
 use crate::walker::{MoveInput, Walker};
 
@@ -56,18 +56,19 @@ impl Footing {
         *self = Self::default();
     }
 
-    /// Looks at a body that is about to move for `dt_s` seconds, as `wish` says. `None` while it is
-    /// not in trouble.
+    /// Looks at a body that is about to move for `dt_s` seconds, as `wish` says, among the voxels of
+    /// a world as far as they are here. `None` while it is not in trouble.
     pub fn rescue(
         &mut self,
         world: &World,
+        octree: &Octree,
         walker: &Walker,
         wish: &MoveInput,
         dt_s: f32,
     ) -> Option<Rescue> {
         let eye = walker.pose().eye;
         let body = world.body.around(eye);
-        if world.octree.solid_in(&body) {
+        if octree.solid_in(&body) {
             return self.is_troubled_for(dt_s, STUCK_S).then_some(Rescue::Stuck);
         }
         if self.is_returning {
@@ -76,7 +77,7 @@ impl Footing {
         self.troubled_s = 0.0;
         let below = |depth: f32, half: f32| {
             let (soles, half) = (eye.with_y(body.min.y), Vec3::new(half, 0.0, half));
-            world.octree.solid_in(&Aabb { min: soles - half - Vec3::Y * depth, max: soles + half })
+            octree.solid_in(&Aabb { min: soles - half - Vec3::Y * depth, max: soles + half })
         };
         if walker.is_grounded() && below(FLOOR_WITHIN_M, MIDDLE_M) {
             self.trail.clear();
@@ -175,7 +176,7 @@ mod tests {
         seconds: f32,
     ) -> Vec<(Vec3, Option<Rescue>)> {
         let step = |_| {
-            let rescue = footing.rescue(world, walker, &wish, DT_S);
+            let rescue = footing.rescue(world, &world.octree, walker, &wish, DT_S);
             let input = match rescue {
                 Some(Rescue::Back(input)) => input,
                 _ => wish,
@@ -242,7 +243,7 @@ mod tests {
         let east = MoveInput { forward: 1.0, yaw: EAST, ..MoveInput::default() };
         walk(&world, &mut walker, &mut footing, east, 3.5);
         let held: Vec<Option<Rescue>> =
-            (0..200).map(|_| footing.rescue(&world, &walker, &east, DT_S)).collect();
+            (0..200).map(|_| footing.rescue(&world, &world.octree, &walker, &east, DT_S)).collect();
         assert!(held.contains(&Some(Rescue::Stuck)));
         assert_eq!(held.last(), Some(&None), "it waits to be put elsewhere");
     }

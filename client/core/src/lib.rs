@@ -9,7 +9,8 @@
 //!   [`MoveInput`](walker::MoveInput) wants. Its poses go to [`replica::Replica::set_pose`].
 //! * [`footing::Footing`] finds the way back for a body that has fallen out of the world.
 //! * [`navigation::Navigation`] finds paths, and a [`route::Route`] walks along them.
-//! * [`fetching::PieceFetcher`] says which pieces of a world to fetch next, and takes them in.
+//! * [`fetching::PieceFetcher`] says which pieces of a world to fetch next, and takes them in. An
+//!   [`arriving::ArrivingWorld`] is the world that one is in, whether all of it is here or not.
 //! * [`gaze::Gaze`] is where a person looks, and [`words`] are what it is told.
 //!
 //! There is no socket, no clock and no thread: callers pass in times, as durations since some
@@ -57,6 +58,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod arriving;
 pub mod fetching;
 pub mod footing;
 pub mod gaze;

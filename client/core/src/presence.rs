@@ -7,7 +7,7 @@
 use std::{collections::VecDeque, sync::Arc, time::Duration};
 
 use sightline_protocol::{
-    message::{ClientMessage, ServerMessage},
+    message::{ClientMessage, HeadOffer, ServerMessage},
     text::Name,
 };
 use sightline_world::{
@@ -45,6 +45,8 @@ pub struct WorldOffer {
     pub id: ContentId,
     /// The length of its file.
     pub bytes: u64,
+    /// Its head, where it can be had in pieces.
+    pub head: Option<HeadOffer>,
 }
 
 /// What comes of a message.
@@ -175,9 +177,10 @@ impl Presence {
         now: Duration,
         message: ServerMessage,
     ) -> Result<(Heard, Option<ClientMessage>), ReplicaError> {
-        if let ServerMessage::World { number, id, bytes } = message {
+        if let ServerMessage::World { number, id, bytes, head } = message {
             self.stand(now, Link::MovingOver);
-            return Ok((Heard::World(WorldOffer { number, id: ContentId(id), bytes }), None));
+            let offer = WorldOffer { number, id: ContentId(id), bytes, head };
+            return Ok((Heard::World(offer), None));
         }
         let heard = match &message {
             ServerMessage::Goodbye { reason, may_return } => {
@@ -298,9 +301,9 @@ mod tests {
         let world = Arc::new(voxel_floor::world(&[]));
         let mut presence =
             Presence::new(AvatarId(1), TICK, world.clone(), Name::new("Ada").unwrap());
-        let offer = ServerMessage::World { number: 3, id: [4; 32], bytes: 5 };
+        let offer = ServerMessage::World { number: 3, id: [4; 32], bytes: 5, head: None };
         let (heard, answer) = presence.hear(TICK, offer).unwrap();
-        let offer = WorldOffer { number: 3, id: ContentId([4; 32]), bytes: 5 };
+        let offer = WorldOffer { number: 3, id: ContentId([4; 32]), bytes: 5, head: None };
         assert_eq!((heard, answer), (Heard::World(offer), None));
         assert_eq!(presence.link(), &Link::MovingOver);
         presence.leave_world(3, world);

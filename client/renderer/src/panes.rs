@@ -18,12 +18,21 @@ impl Panes {
     /// The colour that a pixel shows of something at a depth: seen through the pane, if that is
     /// nearer.
     pub(super) fn over(&self, [x, y]: [usize; 2], depth: f32, colour: u32) -> u32 {
-        let [x, y] = if self.finer { [2 * x, 2 * y] } else { [x, y] };
-        let pane = self.bands.get(y / BAND_ROWS).and_then(|band| band.at(x, y % BAND_ROWS));
-        match pane.filter(|&(pane_depth, _)| pane_depth < depth) {
+        match self.at([x, y]).filter(|&(pane_depth, _)| pane_depth < depth) {
             Some((_, glass)) => colour::through_glass(colour, glass),
             None => colour,
         }
+    }
+
+    /// The depth of the pane that a pixel shows, if it shows one.
+    pub(super) fn depth_at(&self, pixel: [usize; 2]) -> Option<f32> {
+        self.at(pixel).map(|(depth, _)| depth)
+    }
+
+    /// The depth and the colour of a pixel's pane, if it has one.
+    fn at(&self, [x, y]: [usize; 2]) -> Option<(f32, u32)> {
+        let [x, y] = if self.finer { [2 * x, 2 * y] } else { [x, y] };
+        self.bands.get(y / BAND_ROWS).and_then(|band| band.at(x, y % BAND_ROWS))
     }
 }
 

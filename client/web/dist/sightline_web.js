@@ -64,13 +64,33 @@ export class Client {
         wasm.client_drew(this.__wbg_ptr, milliseconds);
     }
     /**
-     * Gives the file of the world that was wanted. Files that are not wanted are ignored.
+     * Gives what was wanted. Bytes that are not wanted are ignored.
      * @param {Uint8Array | number[]} bytes
      */
-    give_world(bytes) {
+    give(bytes) {
         const ptr0 = passArray8ToWasm0(bytes, wasm.__wbindgen_malloc);
         const len0 = WASM_VECTOR_LEN;
-        wasm.client_give_world(this.__wbg_ptr, ptr0, len0);
+        wasm.client_give(this.__wbg_ptr, ptr0, len0);
+    }
+    /**
+     * Gives what was at the path of pieces; nothing when it could not be had. Then they are asked for
+     * again.
+     * @param {string} path
+     * @param {Uint8Array | number[] | null} [bytes]
+     */
+    give_pieces(path, bytes) {
+        let ptr0, len0, ptr1, len1;
+        try {
+            ptr0 = passStringToWasm0(path, wasm.__wbindgen_malloc, wasm.__wbindgen_realloc);
+            len0 = WASM_VECTOR_LEN;
+            ptr1 = isLikeNone(bytes) ? 0 : passArray8ToWasm0(bytes, wasm.__wbindgen_malloc);
+            len1 = WASM_VECTOR_LEN;
+        } catch (e) {
+            if (ptr1) { wasm.__wbindgen_free(ptr1, len1 * 1, 1); }
+            if (ptr0) { wasm.__wbindgen_free(ptr0, len0 * 1, 1); }
+            throw e;
+        }
+        wasm.client_give_pieces(this.__wbg_ptr, ptr0, len0, ptr1, len1);
     }
     /**
      * Asks to be put back to the entrance.
@@ -80,6 +100,7 @@ export class Client {
     }
     /**
      * Walks to the floor below a point of the world, in metres. Returns whether a way leads there.
+     * While not all of the building is here, that is not known, and the way is found later.
      * @param {number} x
      * @param {number} y
      * @param {number} z
@@ -95,6 +116,14 @@ export class Client {
      */
     is_in() {
         const ret = wasm.client_is_in(this.__wbg_ptr);
+        return ret !== 0;
+    }
+    /**
+     * Whether there is enough of the building for a picture.
+     * @returns {boolean}
+     */
+    is_open() {
+        const ret = wasm.client_is_open(this.__wbg_ptr);
         return ret !== 0;
     }
     /**
@@ -163,6 +192,21 @@ export class Client {
         this.__wbg_ptr = ret[0];
         ClientFinalization.register(this, this.__wbg_ptr, this);
         return this;
+    }
+    /**
+     * The path of pieces to fetch now, if there are any. Those that are under way and these take at
+     * most so many bytes, or are one.
+     * @param {number} bytes_max
+     * @returns {string | undefined}
+     */
+    next_pieces(bytes_max) {
+        const ret = wasm.client_next_pieces(this.__wbg_ptr, bytes_max);
+        let v1;
+        if (ret[0] !== 0) {
+            v1 = getStringFromWasm0(ret[0], ret[1]);
+            wasm.__wbindgen_free(ret[0], ret[1] * 1, 1);
+        }
+        return v1;
     }
     /**
      * A connection is open: the client says hello.
@@ -253,6 +297,14 @@ export class Client {
             wasm.__wbindgen_free(ret[0], ret[1] * 1, 1);
         }
         return v2;
+    }
+    /**
+     * The share of the building that is here, from 0 to 1.
+     * @returns {number}
+     */
+    share() {
+        const ret = wasm.client_share(this.__wbg_ptr);
+        return ret;
     }
     /**
      * The size to draw in for a canvas of this many device pixels, so that it is drawn often
@@ -360,7 +412,7 @@ export class Client {
         wasm.client_turn(this.__wbg_ptr, left, up);
     }
     /**
-     * The content id of the world that the client needs and does not have.
+     * The path of what the client needs before it can come in: the file of a world, or its head.
      * @returns {string | undefined}
      */
     wanted() {
@@ -432,6 +484,10 @@ function getUint8ArrayMemory0() {
         cachedUint8ArrayMemory0 = new Uint8Array(wasm.memory.buffer);
     }
     return cachedUint8ArrayMemory0;
+}
+
+function isLikeNone(x) {
+    return x === undefined || x === null;
 }
 
 function passArray8ToWasm0(arg, malloc) {

@@ -10,6 +10,14 @@ const PATIENCE_MS = 600_000;
 const ANSWER_MS = 8000;
 /** A clock that jumps by more than this has slept, in milliseconds. Timers of hidden pages run once a minute. */
 const SLEPT_MS = 90_000;
+/** How many requests for pieces of the building are under way at most, and how far apart they begin. */
+const REQUESTS_MAX = 2;
+const REQUEST_GAP_MS = 70;
+/** Requests for pieces are as large as arrives in about this time, in milliseconds, in these bounds. */
+const REQUEST_MS = 250;
+const REQUEST_BYTES = [32 * 1024, 1024 * 1024];
+/** Pieces that could not be had are asked for again after so long, in milliseconds. */
+const PIECES_PAUSE_MS = 1000;
 /** After the network has changed, a link on which nothing arrives for so long is given up, in milliseconds. */
 const DEAD_MS = 4000;
 
@@ -24,7 +32,7 @@ export class Link {
     this.trouble = "";
     /** Whether another attempt was given up, or makes no sense. */
     this.isOver = false;
-    /** The downloads of worlds, by content id. */
+    /** The downloads of worlds and heads, by path. */
     this.downloads = new Map();
     this.progress = null;
     this.attempts = 0;
@@ -32,6 +40,10 @@ export class Link {
     this.heardAt = 0;
     this.tickedAt = 0;
     this.isTrying = false;
+    /** The requests for pieces that are under way, how large the next one is, and when it may begin. */
+    this.requests = 0;
+    this.requestBytes = 64 * 1024;
+    this.requestAt = 0;
     addEventListener("online", () => this.hurry());
     addEventListener("visibilitychange", () => document.hidden || this.hurry());
     navigator.connection?.addEventListener?.("change", () => this.suspect());
@@ -42,8 +54,10 @@ export class Link {
     const answer = await fetch("join.json", { cache: "no-store", signal: AbortSignal.timeout(ANSWER_MS) });
     if (!answer.ok) throw new Error(`the server answers with error ${answer.status}`);
     this.join = await answer.json();
-    if (this.join.world && !this.downloads.has(this.join.world)) {
-      this.download(this.join.world, this.join.world_bytes).catch(() => {});
+    const { head, world, world_bytes } = this.join;
+    const path = head ? `pieces/${head}/head` : world && `world/${world}`;
+    if (path && !this.downloads.has(path)) {
+      this.download(path, head ? 0 : world_bytes).catch(() => {});
     }
     return this.join;
   }
@@ -226,24 +240,24 @@ export class Link {
 
   /** Gets the world that the client needs. */
   async fetchWanted() {
-    const id = this.client.wanted();
-    if (!id || this.giving === id) return;
-    this.giving = id;
+    const path = this.client.wanted();
+    if (!path || this.giving === path) return;
+    this.giving = path;
     const { client } = this;
     try {
-      const bytes = await (this.downloads.get(id) ?? this.download(id, 0));
+      const bytes = await (this.downloads.get(path) ?? this.download(path, 0));
       this.reading = true;
       this.changed();
       // The page shows what it does before it does it.
       await new Promise((resolve) => setTimeout(resolve, 0));
-      if (client === this.client) client.give_world(bytes);
+      if (client === this.client) client.give(bytes);
       this.reading = false;
       // The browser keeps the file; the page need not.
-      this.downloads.delete(id);
+      this.downloads.delete(path);
       this.flush();
       this.settle();
     } catch (error) {
-      this.downloads.delete(id);
+      this.downloads.delete(path);
       this.drop(`the building could not be fetched: ${inWords(error)}`);
     } finally {
       this.giving = null;
@@ -251,10 +265,39 @@ export class Link {
     }
   }
 
-  /** Downloads a world, and tells how far it has come. */
-  download(id, all) {
+  /** Gets pieces of the building that the client needs. To be called after each picture. */
+  async fetchPieces() {
+    const at = now();
+    if (this.requests >= REQUESTS_MAX || at < this.requestAt) return;
+    const { client } = this;
+    const path = client.next_pieces((this.requests + 1) * this.requestBytes);
+    if (!path) return;
+    this.requests += 1;
+    this.requestAt = at + REQUEST_GAP_MS;
+    let bytes;
+    try {
+      const answer = await fetch(path, { signal: AbortSignal.timeout(60_000) });
+      if (answer.ok) bytes = new Uint8Array(await answer.arrayBuffer());
+    } catch {
+      // The link breaks, or the server is started again: they are asked for again.
+    }
+    this.requests -= 1;
+    if (bytes) {
+      const share = Math.min(2, Math.max(0.5, REQUEST_MS / (now() - at)));
+      const [least, most] = REQUEST_BYTES;
+      this.requestBytes = Math.min(most, Math.max(least, this.requestBytes * share));
+    } else {
+      this.requestAt = now() + PIECES_PAUSE_MS;
+    }
+    if (client !== this.client) return;
+    client.give_pieces(path, bytes);
+    this.settle();
+  }
+
+  /** Downloads a world or a head, and tells how far it has come. */
+  download(path, all) {
     const bytes = (async () => {
-      const answer = await fetch(`world/${id}`);
+      const answer = await fetch(path);
       if (!answer.ok) throw new Error(`the server answers with error ${answer.status}`);
       const length = Number(answer.headers.get("content-length")) || all;
       const pieces = [];
@@ -271,8 +314,8 @@ export class Link {
       this.progress = null;
       return joined(pieces, done);
     })();
-    this.downloads.set(id, bytes);
-    bytes.catch(() => { this.downloads.delete(id); });
+    this.downloads.set(path, bytes);
+    bytes.catch(() => { this.downloads.delete(path); });
     return bytes;
   }
 }

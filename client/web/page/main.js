@@ -63,6 +63,7 @@ async function begin() {
   view = new View(canvas, memory, settings);
   view.client = client;
   view.fault = fail;
+  view.drawn = () => link.fetchPieces();
   listen(canvas, settings, (name) => page.act(name));
   canvas.focus({ preventScroll: true });
   addEventListener("visibilitychange", () => document.hidden && rest());
@@ -151,7 +152,7 @@ function showNotice(state) {
 
 function noticeOf({ stage, reason, returns, pose }) {
   const isBack = Boolean(pose) || returns > 0;
-  if (stage === "in") return null;
+  if (stage === "in") return client.is_open() ? null : { title: "Fetching the building" };
   if (link.isOver) {
     const note = `${sentence(link.trouble)} ${link.join ? "" : "Is the address right?"}`;
     return { title: isBack ? "You have left the building" : "You cannot come in", note, canTryAgain: true };

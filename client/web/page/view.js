@@ -27,6 +27,8 @@ export class View {
     /** Whether there has been a picture. */
     this.hasDrawn = false;
     this.fault = null;
+    /** Called after each picture. */
+    this.drawn = null;
     const next = () => {
       try {
         this.frame();
@@ -53,15 +55,17 @@ export class View {
     const scale = devicePixelRatio;
     const [wide, high] = [canvas.clientWidth * scale, canvas.clientHeight * scale].map(Math.round);
     if (wide < 1 || high < 1) return;
-    const [columns, rows] = this.settings.sharp ? [wide, high] : client.size(at, wide, high);
+    const quick = client.size(at, wide, high);
+    const [columns, rows] = this.settings.sharp ? [wide, high] : quick;
     const start = now();
     const isNew = client.draw(at, columns, rows);
+    this.drawn?.();
     this.drawMs = now() - start;
     if (!isNew) return;
     this.show(columns, rows);
     this.tookMs = now() - start;
     client.drew(this.tookMs);
-    this.hasDrawn = true;
+    this.hasDrawn ||= client.is_open();
     this.countPicture(at);
   }
 

@@ -3,6 +3,7 @@
 use std::{collections::VecDeque, sync::Arc, time::Duration};
 
 use sightline_client_core::{
+    arriving::ArrivingWorld,
     presence::{Heard, Link, Presence, WorldOffer},
     replica::{Event, Outgoing, Replica},
 };
@@ -12,7 +13,7 @@ use sightline_protocol::{
     text::ChatLine,
 };
 use sightline_world::{
-    ContentId, World, content_id,
+    ContentId, PieceId, World, WorldHead, content_id,
     motion::{AvatarId, Pose},
 };
 
@@ -57,6 +58,34 @@ pub(crate) struct Ending {
     pub(crate) is_version: bool,
 }
 
+/// A world that is here, or of which the head is.
+#[derive(Debug)]
+struct KnownWorld {
+    id: ContentId,
+    /// The head by which its pieces come; `None` when it is a whole one.
+    head: Option<PieceId>,
+    world: Arc<World>,
+}
+
+/// What a client needs of a world that is offered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wanted {
+    /// Its file.
+    File(ContentId),
+    /// Its head.
+    Head(PieceId),
+}
+
+impl Wanted {
+    /// The path by which a page fetches it.
+    pub(crate) fn path(self) -> String {
+        match self {
+            Self::File(id) => format!("world/{id}"),
+            Self::Head(id) => format!("pieces/{id}/head"),
+        }
+    }
+}
+
 /// A connection without its socket, and what lasts from one to the next.
 #[derive(Debug)]
 pub(crate) struct Connection {
@@ -71,7 +100,11 @@ pub(crate) struct Connection {
     is_presence_new: bool,
     offer: Option<WorldOffer>,
     /// The world that is here.
-    world: Option<(ContentId, Arc<World>)>,
+    world: Option<KnownWorld>,
+    /// The head of that world, until a scene takes it.
+    head: Option<WorldHead>,
+    /// Whether heads of this server cannot be read, so that files are fetched.
+    needs_files: bool,
     /// `None` before the first world.
     presence: Option<Presence>,
     /// When the hello was said.
@@ -91,6 +124,8 @@ impl Connection {
             is_presence_new: false,
             offer: None,
             world: None,
+            head: None,
+            needs_files: false,
             presence: None,
             hello_at: Duration::ZERO,
             round_trip: ROUND_TRIP,
@@ -215,8 +250,8 @@ impl Connection {
     /// What a client hears that has no world.
     fn hear_offer(&mut self, now: Duration, message: ServerMessage) {
         match message {
-            ServerMessage::World { number, id, bytes } => {
-                self.take_offer(WorldOffer { number, id: ContentId(id), bytes });
+            ServerMessage::World { number, id, bytes, head } => {
+                self.take_offer(WorldOffer { number, id: ContentId(id), bytes, head });
             }
             ServerMessage::Loading { what } => self.stage = Stage::Waiting(what.into()),
             // What was said to somebody in another world.
@@ -262,37 +297,83 @@ impl Connection {
     /// Takes in an offer. The world may be here already.
     fn take_offer(&mut self, offer: WorldOffer) {
         self.offer = Some(offer);
-        match &self.world {
-            Some((id, world)) if *id == offer.id => self.enter(offer.number, world.clone()),
-            _ => self.stage = Stage::Fetching,
+        let offered = offer.head.map(|head| PieceId(head.id));
+        let is_known = |known: &&KnownWorld| {
+            known.id == offer.id && (known.head.is_none() || known.head == offered)
+        };
+        match self.world.as_ref().filter(is_known) {
+            Some(known) => self.enter(offer.number, known.world.clone()),
+            None => self.stage = Stage::Fetching,
         }
     }
 
-    /// The world that is needed.
-    pub(crate) fn wanted(&self) -> Option<ContentId> {
-        self.offer.filter(|_| self.stage == Stage::Fetching).map(|offer| offer.id)
+    /// What is needed of the world that is offered.
+    pub(crate) fn wanted(&self) -> Option<Wanted> {
+        let offer = self.offer.filter(|_| self.stage == Stage::Fetching)?;
+        let head = offer.head.filter(|_| !self.needs_files);
+        Some(head.map_or(Wanted::File(offer.id), |head| Wanted::Head(PieceId(head.id))))
     }
 
-    /// Takes in the file of the world that is needed.
-    pub(crate) fn give_world(&mut self, bytes: &[u8]) {
-        let Some(offer) = self.offer.filter(|_| self.stage == Stage::Fetching) else { return };
+    /// Takes in what was wanted. Other bytes are ignored.
+    pub(crate) fn give(&mut self, bytes: &[u8]) {
+        match self.wanted() {
+            Some(Wanted::File(id)) => self.give_file(id, bytes),
+            Some(Wanted::Head(id)) => self.give_head(id, bytes),
+            None => {}
+        }
+    }
+
+    fn give_file(&mut self, wanted: ContentId, bytes: &[u8]) {
         let read = match content_id(bytes) {
-            Ok(id) if id == offer.id => World::from_bytes(bytes).map_err(|error| error.to_string()),
+            Ok(id) if id == wanted => World::from_bytes(bytes).map_err(|error| error.to_string()),
             Ok(_) => return,
             Err(error) => Err(error.to_string()),
         };
         match read {
-            Ok(world) => {
-                let world = Arc::new(world);
-                self.world = Some((offer.id, world.clone()));
-                self.enter(offer.number, world);
-            }
-            Err(error) => {
-                let reason = format!("cannot use the server's world: {error}");
-                let (may_pass, retry) = (false, Duration::ZERO);
-                self.stage = Stage::Over(Ending { reason, may_pass, retry, is_version: false });
-            }
+            Ok(world) => self.take_world(None, Arc::new(world)),
+            Err(error) => self.refuse_world(&error),
         }
+    }
+
+    fn give_head(&mut self, wanted: PieceId, bytes: &[u8]) {
+        if PieceId::of(bytes) != wanted {
+            return;
+        }
+        match WorldHead::read(bytes) {
+            Ok(head) => {
+                let world = head.world.clone();
+                self.head = Some(head);
+                self.take_world(Some(wanted), world);
+            }
+            // The file may be a better one.
+            Err(_) => self.needs_files = true,
+        }
+    }
+
+    fn take_world(&mut self, head: Option<PieceId>, world: Arc<World>) {
+        if let Some(offer) = self.offer {
+            self.world = Some(KnownWorld { id: offer.id, head, world: world.clone() });
+            self.enter(offer.number, world);
+        }
+    }
+
+    /// Ends, because the world cannot be used.
+    pub(crate) fn refuse_world(&mut self, why: &str) {
+        let reason = format!("cannot use the server's world: {why}");
+        let (may_pass, retry) = (false, Duration::ZERO);
+        self.stage = Stage::Over(Ending { reason, may_pass, retry, is_version: false });
+    }
+
+    /// The world that the client is in, with what is here of it. To be called once for each.
+    pub(crate) fn building(&mut self) -> Option<ArrivingWorld> {
+        let world = self.world()?;
+        let head = self.head.take_if(|head| Arc::ptr_eq(&head.world, &world));
+        Some(head.map_or_else(|| ArrivingWorld::whole(world), ArrivingWorld::from_head))
+    }
+
+    /// The content id of the head of the world that is here, where it comes in pieces.
+    pub(crate) fn head_id(&self) -> Option<PieceId> {
+        self.world.as_ref().and_then(|known| known.head)
     }
 
     /// Asks to enter a world that is here: for the first time, on another connection, or in place of

@@ -3,8 +3,8 @@
 //! A page carries the bytes and shows the pictures; everything else is here. There is one
 //! [`Client`] on a page. The page gives it what arrives ([`Client::control`],
 //! [`Client::datagram`]) and sends what it has to say ([`Client::take_control`],
-//! [`Client::take_datagram`]). It fetches the world that the client wants ([`Client::wanted`]),
-//! moves the body ([`Client::step`]) and draws ([`Client::draw`]). Times are milliseconds since
+//! [`Client::take_datagram`]). It fetches the world that the client wants ([`Client::wanted`]), or
+//! its pieces ([`Client::next_pieces`]), moves the body ([`Client::step`]) and draws ([`Client::draw`]). Times are milliseconds since
 //! the page was opened. What a page shows in words comes as JSON ([`Client::state`]).
 //!
 //! There is no socket, no clock and no thread. `page/` has the page itself.
@@ -22,11 +22,11 @@ use sightline_client_core::replica::Event;
 use wasm_bindgen::prelude::*;
 
 use self::{
-    connection::Connection,
+    connection::{Connection, Wanted},
     hello::Hello,
     reported::{Said, reported},
     resolution::Resolution,
-    scene::Scene,
+    scene::{Scene, Step},
 };
 
 /// The client of a page.
@@ -115,14 +115,47 @@ impl Client {
         self.connection.take_datagram()
     }
 
-    /// The content id of the world that the client needs and does not have.
+    /// The path of what the client needs before it can come in: the file of a world, or its head.
     pub fn wanted(&self) -> Option<String> {
-        self.connection.wanted().map(|id| id.to_string())
+        self.connection.wanted().map(Wanted::path)
     }
 
-    /// Gives the file of the world that was wanted. Files that are not wanted are ignored.
-    pub fn give_world(&mut self, bytes: &[u8]) {
-        self.connection.give_world(bytes);
+    /// Gives what was wanted. Bytes that are not wanted are ignored.
+    pub fn give(&mut self, bytes: &[u8]) {
+        self.connection.give(bytes);
+    }
+
+    /// The path of pieces to fetch now, if there are any. Those that are under way and these take at
+    /// most so many bytes, or are one.
+    pub fn next_pieces(&mut self, bytes_max: usize) -> Option<String> {
+        let scene = self.scene.as_mut()?;
+        let head = scene.head?;
+        let numbers = scene.next_pieces(bytes_max);
+        let numbers: Vec<String> = numbers.iter().map(ToString::to_string).collect();
+        (!numbers.is_empty()).then(|| format!("pieces/{head}/{}", numbers.join(",")))
+    }
+
+    /// Gives what was at the path of pieces; nothing when it could not be had. Then they are asked for
+    /// again.
+    pub fn give_pieces(&mut self, path: &str, bytes: Option<Vec<u8>>) {
+        let Some(scene) = &mut self.scene else { return };
+        let Some(head) = scene.head else { return };
+        // What comes of a world that was left is of no use.
+        let Some(numbers) = path.strip_prefix(&format!("pieces/{head}/")) else { return };
+        let numbers: Vec<usize> = numbers.split(',').filter_map(|n| n.parse().ok()).collect();
+        if let Err(error) = scene.give_pieces(&numbers, bytes.as_deref()) {
+            self.connection.refuse_world(&error.to_string());
+        }
+    }
+
+    /// Whether there is enough of the building for a picture.
+    pub fn is_open(&self) -> bool {
+        self.scene.as_ref().is_some_and(Scene::is_open)
+    }
+
+    /// The share of the building that is here, from 0 to 1.
+    pub fn share(&self) -> f32 {
+        self.scene.as_ref().map_or(0.0, Scene::share)
     }
 
     /// Turns the view, in radians.
@@ -138,23 +171,34 @@ impl Client {
         let now = time(now_ms);
         let Some(scene) = &mut self.scene else { return };
         let stands = !self.connection.is_in();
-        let is_stuck = scene.walk.step(now, [forward, right, up], jump, fly, stands);
+        let step = scene.step(now, [forward, right, up], jump, fly, stands);
         self.connection.set_pose(now, scene.walk.pose());
-        if is_stuck {
-            self.said.push(Said::notice("you were stuck, and go back to the entrance"));
-            self.connection.respawn();
+        match step {
+            Step::Moved => {}
+            Step::Stuck => {
+                self.said.push(Said::notice("you were stuck, and go back to the entrance"));
+                self.connection.respawn();
+            }
+            Step::NoWay => self.said.push(Said::notice("no way leads there from here")),
         }
     }
 
     /// Walks to the floor below a point of the world, in metres. Returns whether a way leads there.
+    /// While not all of the building is here, that is not known, and the way is found later.
     pub fn go_to(&mut self, x: f32, y: f32, z: f32) -> bool {
-        self.scene.as_mut().is_some_and(|scene| scene.walk.go_to(glam::Vec3::new(x, y, z)))
+        let Some(scene) = &mut self.scene else { return false };
+        let is_whole = scene.share() >= 1.0;
+        let goes = scene.go_to(glam::Vec3::new(x, y, z));
+        if !is_whole {
+            self.said.push(Said::notice("you go there once all of the building is here"));
+        }
+        goes
     }
 
     /// Stops walking to a place.
     pub fn stop(&mut self) {
         if let Some(scene) = &mut self.scene {
-            scene.walk.stop();
+            scene.stop();
         }
     }
 
@@ -172,6 +216,9 @@ impl Client {
     /// enough: columns and rows.
     pub fn size(&mut self, now_ms: f64, columns: usize, rows: usize) -> Vec<usize> {
         let rests = self.scene.as_ref().is_some_and(|scene| scene.rests(time(now_ms)));
+        if let Some(scene) = &mut self.scene {
+            scene.set_full_size((columns, rows));
+        }
         self.resolution.size([columns, rows], rests).to_vec()
     }
 
@@ -183,6 +230,9 @@ impl Client {
     /// Draws what one sees now. Returns whether the picture has changed since the last call.
     pub fn draw(&mut self, now_ms: f64, columns: usize, rows: usize) -> bool {
         let Some(scene) = &mut self.scene else { return false };
+        if let Err(error) = scene.take_pieces() {
+            self.connection.refuse_world(&error.to_string());
+        }
         scene.draw(self.connection.replica(), time(now_ms), (columns, rows))
     }
 
@@ -244,12 +294,16 @@ impl Client {
                 Event::Entered(pose) => {
                     let Some(world) = self.connection.world() else { continue };
                     match &mut self.scene {
-                        Some(scene) => {
-                            if scene.enter(world, pose) {
+                        Some(scene) if scene.is_in(&world) => scene.walk.put(pose),
+                        scene => {
+                            let Some(building) = self.connection.building() else { continue };
+                            if scene
+                                .replace(Scene::new(building, self.connection.head_id(), pose))
+                                .is_some()
+                            {
                                 self.said.push(Said::notice("you are in the changed building"));
                             }
                         }
-                        None => self.scene = Some(Scene::new(world, pose)),
                     }
                 }
                 Event::Corrected(pose) => {

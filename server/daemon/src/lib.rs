@@ -51,6 +51,7 @@
 //! ```
 
 mod address;
+mod background;
 pub mod building_cache;
 pub mod building_files;
 #[cfg(feature = "http")]

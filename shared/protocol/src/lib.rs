@@ -5,13 +5,15 @@
 //! * [`pose_stream`]: poses in datagrams. The server's [`PoseEncoder`](pose_stream::PoseEncoder)
 //!   codes them against what the client's [`PoseDecoder`](pose_stream::PoseDecoder) has
 //!   acknowledged.
+//! * [`piece_stream`]: how pieces of a world are asked for, and sent.
 //! * [`quantise`]: the only conversions between domain types and wire types.
 //! * [`text`]: names and chat lines that are fit to be shown.
 //! * [`fingerprint`]: how a client recognises a server, and a server its visitors.
 //! * `outbound` (feature `engine`): the engine's output as messages and datagrams.
 //!
 //! A connection has one bidirectional stream, which the client opens. The server opens a
-//! unidirectional stream to send the world when it is asked for it. No floating-point number is on
+//! unidirectional stream to send the world when it is asked for it. Where the world is offered in
+//! pieces, the client may open a second bidirectional stream for them. No floating-point number is on
 //! the wire, so no NaN is either. No length, index or character is trusted: a value that decodes is
 //! valid.
 //!
@@ -44,13 +46,14 @@ pub mod frame;
 pub mod message;
 #[cfg(feature = "engine")]
 pub mod outbound;
+pub mod piece_stream;
 pub mod pose_stream;
 pub mod quantise;
 pub mod text;
 mod varint;
 
 /// The version of the protocol, which both ends must share.
-pub const VERSION: u32 = 10;
+pub const VERSION: u32 = 11;
 /// The TLS application protocol. It has no version, so that the server can tell a client of another
 /// version the reason in words.
 pub const ALPN: &[u8] = b"sightline";

@@ -119,6 +119,8 @@ pub enum ServerMessage {
         id: [u8; 32],
         /// The length of the world's file, in bytes.
         bytes: u64,
+        /// The head, where the world can be had in pieces.
+        head: Option<HeadOffer>,
     },
     /// The client has entered the world.
     Entered {
@@ -199,6 +201,15 @@ impl ServerMessage {
     pub fn decode(frame: &[u8]) -> Result<Self, DecodeError> {
         frame::decode(frame)
     }
+}
+
+/// The head of a world that can be had in pieces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HeadOffer {
+    /// Its content id.
+    pub id: [u8; 16],
+    /// Its length, in bytes.
+    pub bytes: u32,
 }
 
 /// Why a client is refused.
@@ -291,7 +302,13 @@ mod tests {
         vec![
             ServerMessage::Welcome { avatar, tick_interval_us: NonZeroU32::MAX },
             ServerMessage::Loading { what: longest_line() },
-            ServerMessage::World { number: u32::MAX, id: [9; 32], bytes: u64::MAX },
+            ServerMessage::World {
+                number: u32::MAX,
+                id: [9; 32],
+                bytes: u64::MAX,
+                head: Some(HeadOffer { id: [9; 16], bytes: u32::MAX }),
+            },
+            ServerMessage::World { number: 1, id: [9; 32], bytes: 0, head: None },
             ServerMessage::Refused { reason: Refusal::Version { server: u32::MAX } },
             ServerMessage::Refused { reason: Refusal::Full },
             ServerMessage::Refused { reason: Refusal::Closing },

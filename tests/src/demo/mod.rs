@@ -92,6 +92,7 @@ fn join(
         trust,
         identity: Arc::new(Identity::generate()?),
         invitation: None,
+        in_pieces: false,
         progress: None,
     };
     Ok(runtime.block_on(dialer.connect(address, &options))?)

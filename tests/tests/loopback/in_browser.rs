@@ -50,7 +50,7 @@ const DRAWN_MS: &str = "(() => {
 
 /// A server with a listener for browsers.
 fn open(listen: [SocketAddr; 2]) -> Option<(sightline_server::net::Server, WebServer)> {
-    let config = ServeConfig { listen: listen[0], ..config() };
+    let config = ServeConfig { listen: listen[0], pieces_from_bytes: 0, ..config() };
     let identity = sightline_server::net::Identity::generate().unwrap();
     let server = sightline_server::net::Server::bind(building::world(), config, &identity).ok()?;
     let web = WebServer::listen(listen[1], server.web_door().unwrap()).ok()?;
@@ -61,6 +61,8 @@ fn open(listen: [SocketAddr; 2]) -> Option<(sightline_server::net::Server, WebSe
 async fn a_browser_joins_sees_is_seen_walks_chats_and_comes_back() {
     let any: SocketAddr = "127.0.0.1:0".parse().unwrap();
     let (server, web) = open([any; 2]).unwrap();
+    let is_cut = || server.world().is_some_and(|world| world.pieces_bytes().is_some());
+    until("the world is cut", is_cut).await;
     let addresses = [server.local_addr().unwrap(), web.local_addr()];
     let bo = join(&server, "Bo", WAY[2]).await;
     let url = format!("http://{}/", addresses[1]);
@@ -91,6 +93,7 @@ async fn a_browser_joins_sees_is_seen_walks_chats_and_comes_back() {
     let mut page = spawn_blocking(move || {
         let mut page = page;
         page.until("sightline.state().people.length === 0");
+        page.until("sightline.link.join.head !== null && sightline.client.share() === 1");
         compare(&mut page, world.world());
         page
     })

@@ -9,6 +9,7 @@ mod limits;
 mod moderation;
 mod operators;
 mod page;
+mod pieces;
 mod proxy;
 mod respawn;
 mod returning;
@@ -67,6 +68,7 @@ fn options(server: &Server, name: &str, place: Vec3) -> ConnectOptions {
         trust: Trust::Pinned(server.fingerprint()),
         identity: Arc::new(Identity::generate().unwrap()),
         invitation: None,
+        in_pieces: false,
         progress: None,
     }
 }

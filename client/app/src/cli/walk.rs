@@ -110,6 +110,8 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
         trust,
         identity,
         invitation,
+        // Hidden nodes are found in a whole building.
+        in_pieces: !args.fuzzy,
         progress: None,
     };
     let connector = Connector::new(address, joins, net::world_folder_of_user())?;

@@ -138,6 +138,11 @@ impl Link {
     }
 }
 
+/// What the banner says while too little of the building is here to be seen.
+pub(super) fn arriving() -> Notice {
+    Notice::new("Fetching the building", "Escape leaves.".to_owned())
+}
+
 /// What the banner says of a session; `None` when all is well.
 pub(super) fn session_notice(state: &SessionState) -> Option<Notice> {
     match state {

@@ -15,6 +15,8 @@ pub(super) struct BuildingView {
     pub(super) world: u32,
     /// Whether what rooms hide is drawn, too.
     pub(super) hidden: bool,
+    /// How many pieces of the building were taken in; `None` when too few for a picture.
+    pub(super) pieces: Option<u64>,
 }
 
 /// What is shown of rooms.
@@ -80,7 +82,7 @@ mod tests {
 
     fn view(x: f32) -> BuildingView {
         let camera = Camera { eye: Vec3::X * x, yaw: 0.0, pitch: 0.0, fov_y: 1.0 };
-        BuildingView { camera, size: SIZE, world: 0, hidden: false }
+        BuildingView { camera, size: SIZE, world: 0, hidden: false, pieces: Some(0) }
     }
 
     /// Which layers must be drawn to show this.
@@ -104,6 +106,8 @@ mod tests {
         assert_eq!(drawn(layers, BuildingView { world: 1, ..view(1.001) }, true, "b"), [true; 3]);
         let all = BuildingView { hidden: true, world: 1, ..view(1.001) };
         assert_eq!(drawn(layers, all, true, "b"), [true; 3]);
+        let sharper = BuildingView { pieces: Some(1), ..all };
+        assert_eq!(drawn(layers, sharper, true, "b"), [true; 3]);
         let wider = BuildingView { size: (10, 6), world: 1, ..view(1.001) };
         assert_eq!(drawn(layers, wider, true, "b"), [true; 3]);
         assert_eq!(drawn(layers, wider, true, "b"), [false; 3]);

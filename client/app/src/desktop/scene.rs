@@ -1,21 +1,23 @@
 //! The building as one sees it: the walker's steps, and the pictures, layer by layer.
 
 use std::{
-    sync::Arc,
+    collections::VecDeque,
     time::{Duration, Instant},
 };
 
 use glam::Vec3;
 use sightline_client_core::{
+    arriving::ArrivingWorld,
+    fetching::{Outlook, PieceError, ShownBranch},
     footing::{Footing, Rescue},
     replica::{AvatarSource, VisibleAvatar},
     walker::{MoveInput, Walker},
 };
 use sightline_renderer::{
     Camera, Frame, Renderer, mover_visibility::MoverVisibility, movers, moving::InView,
-    node_visibility::VisibilityPrefetcher,
+    node_visibility::VisibilityPrefetcher, streaming::shown_branches,
 };
-use sightline_world::{Mover, Spawn, World, motion::Pose};
+use sightline_world::{Mover, Spawn, motion::Pose};
 
 use super::{
     Drawing,
@@ -32,6 +34,15 @@ use crate::net::Session;
 const RESTS: Duration = Duration::from_millis(400);
 /// While the eye rests, what moves is drawn no more often than this: half of the highest rate.
 const MOVING_INTERVAL: Duration = Duration::from_millis(33);
+/// The most bytes of pieces that may be asked for and not taken in yet.
+const UNDER_WAY: usize = 256 * 1_024;
+/// How long taking in pieces may hold up a picture.
+const TAKING: Duration = Duration::from_millis(6);
+/// While the eye moves, every so many pixels and rows tell what a picture shows.
+const LOOK_STEP: usize = 4;
+/// The picture where too little of the building is here.
+const NOTHING: u32 = 0x0038_4450;
+
 /// A pose that is farther from the one before was not walked to, in metres.
 const LEAP_M: f32 = 2.0;
 
@@ -55,14 +66,20 @@ pub(super) struct Scene {
     dynamic_resolution: DynamicResolution,
     /// Window pixels per drawn pixel, along each axis, in the picture that was drawn last.
     divisor: usize,
-    /// The camera, and since when it has been that.
-    camera: (Camera, Instant),
+    /// The camera and how many pieces were taken in, and since when it has been those.
+    view: ((Camera, u64), Instant),
     /// When what moves was looked at last.
     looked: Instant,
     seen: Vec<VisibleAvatar>,
     clock: Clock,
     before: Option<Instant>,
     draw_time: Duration,
+    /// Pieces of the building that have come and are not taken in yet.
+    arrived: VecDeque<(usize, Vec<u8>)>,
+    /// The branches that the last picture shows, and how closely it was looked at.
+    branches: (Vec<ShownBranch>, usize),
+    /// Whether all of the building is wanted, and not only what is seen.
+    pub(super) wants_all: bool,
 }
 
 /// The clock by which movers are drawn. Without a server it goes on by itself.
@@ -81,15 +98,20 @@ impl Clock {
 }
 
 impl Scene {
-    pub(super) fn new(world: Arc<World>, start: Spawn, drawing: Drawing, now: Instant) -> Self {
-        let walker = Walker::new(&world, start);
+    pub(super) fn new(
+        building: ArrivingWorld,
+        start: Spawn,
+        drawing: Drawing,
+        now: Instant,
+    ) -> Self {
+        let walker = Walker::new(building.world(), start);
         let mut renderer = Renderer::default();
         renderer.mode = drawing.mode;
         Self {
-            camera: (Camera::at(&walker.pose()), now),
+            view: ((Camera::at(&walker.pose()), 0), now),
             looked: now,
             walker,
-            surroundings: Surroundings::new(world, drawing.fuzzy),
+            surroundings: Surroundings::new(building, drawing.fuzzy),
             bookmarks: Bookmarks::default(),
             footing: Footing::default(),
             drawing,
@@ -105,6 +127,9 @@ impl Scene {
             clock: Clock { set: (Duration::ZERO, now) },
             before: None,
             draw_time: Duration::ZERO,
+            arrived: VecDeque::new(),
+            branches: (Vec::new(), usize::MAX),
+            wants_all: false,
         }
     }
 
@@ -122,13 +147,16 @@ impl Scene {
         self.draw_time
     }
 
-    /// Enters a building at a pose. Returns whether it is another building.
-    pub(super) fn enter(&mut self, world: Arc<World>, pose: Pose, controls: &mut Controls) -> bool {
-        let is_another = !Arc::ptr_eq(&world, &self.surroundings.world);
+    /// Enters the building of a session at a pose. Returns whether it is another building.
+    pub(super) fn enter(&mut self, session: &Session, pose: Pose, controls: &mut Controls) -> bool {
+        let is_another = !self.surroundings.building.is(&session.world());
         if is_another {
-            self.walker = Walker::new(&world, Spawn { eye: pose.eye, yaw: pose.yaw });
-            self.surroundings = Surroundings::new(world, self.drawing.fuzzy);
+            let building = session.building();
+            self.walker = Walker::new(building.world(), Spawn { eye: pose.eye, yaw: pose.yaw });
+            self.surroundings = Surroundings::new(building, self.drawing.fuzzy);
             self.worlds += 1;
+            self.arrived.clear();
+            self.branches = (Vec::new(), usize::MAX);
         }
         self.put(pose, controls);
         is_another
@@ -141,6 +169,44 @@ impl Scene {
             controls.face(&pose);
         }
         self.walker.place(pose);
+    }
+
+    /// Whether there is enough of the building for a picture from where the eye is.
+    pub(super) fn is_open(&self) -> bool {
+        self.surroundings.building.is_open_at(self.pose().eye)
+    }
+
+    /// Takes in pieces of the building that have come, and asks for those that are missing, for
+    /// pictures of so many rows.
+    ///
+    /// # Errors
+    /// When a piece is malformed.
+    pub(super) fn fetch(&mut self, session: &Session, rows: usize) -> Result<(), PieceError> {
+        let building = &mut self.surroundings.building;
+        if building.complete().is_some() {
+            return Ok(());
+        }
+        self.arrived.extend(session.arrived_pieces(building));
+        let start = Instant::now();
+        while let Some((number, piece)) = self.arrived.pop_front() {
+            building.take(number, piece)?;
+            if start.elapsed() >= TAKING {
+                break;
+            }
+        }
+        let Pose { eye, velocity, .. } = self.walker.pose();
+        let outlook = Outlook {
+            eye,
+            velocity,
+            focal: Camera::at(&self.walker.pose()).focal(rows),
+            shown: &self.branches.0,
+            all: self.wants_all,
+        };
+        let next = building.next(&outlook, UNDER_WAY);
+        if !next.is_empty() {
+            session.ask_for_pieces(building, &next);
+        }
+        Ok(())
     }
 
     /// Moves to the next pose: along the current flight, or as the keys say, or back to where the
@@ -158,19 +224,28 @@ impl Scene {
         }
         self.mover_visibility = None;
         let wish = controls.wish(dt_s);
-        if stands {
+        // A body moves only where all voxels around it are here.
+        if stands || !self.is_open() {
             // The eye looks around and stays where it is.
             let stands = Pose { yaw: wish.yaw, pitch: wish.pitch, ..self.walker.pose() };
             self.walker.place(Pose { velocity: Vec3::ZERO, ..stands });
             return false;
         }
-        let world = &self.surroundings.world;
-        let rescue = self.footing.rescue(world, &self.walker, &wish, dt_s);
+        let (world, octree) = (self.surroundings.world(), self.surroundings.building.octree());
+        let rescue = self.footing.rescue(world, octree, &self.walker, &wish, dt_s);
         let input: MoveInput = match rescue {
             Some(Rescue::Back(way)) => way,
             Some(Rescue::Stuck) | None => wish,
         };
-        self.walker.step(&world.octree, input, dt_s);
+        let before = self.walker.clone();
+        self.walker.step(octree, input, dt_s);
+        if !self.is_open() {
+            // It waits where it is until they have come.
+            let Pose { yaw, pitch, .. } = self.walker.pose();
+            self.walker = before;
+            let waits = Pose { yaw, pitch, velocity: Vec3::ZERO, ..self.walker.pose() };
+            self.walker.place(waits);
+        }
         rescue == Some(Rescue::Stuck)
     }
 
@@ -185,17 +260,25 @@ impl Scene {
     ) -> bool {
         let start = Instant::now();
         let camera = Camera::at(&self.walker.pose());
-        if camera != self.camera.0 {
-            self.camera = (camera, now);
+        let taken = self.surroundings.building.taken();
+        if (camera, taken) != self.view.0 {
+            self.view = ((camera, taken), now);
         }
-        let rests = now.saturating_duration_since(self.camera.1) >= RESTS;
+        let rests = now.saturating_duration_since(self.view.1) >= RESTS;
         self.divisor = if rests { 1 } else { self.dynamic_resolution.divisor() };
         let size = (window.0.div_ceil(self.divisor), window.1.div_ceil(self.divisor));
-        let view = BuildingView { camera, size, world: self.worlds, hidden: rooms.hidden };
+        let pieces = self.is_open().then_some(taken);
+        let (world, hidden) = (self.worlds, rooms.hidden);
+        let view = BuildingView { camera, size, world, hidden, pieces };
         let building_changes = self.shown.building_changes(view);
+        if pieces.is_none() {
+            self.show_nothing(size, building_changes);
+            return building_changes;
+        }
         if building_changes {
             self.draw_building(&camera, size, rooms.hidden);
         }
+        self.look(&camera, building_changes, if rests { 1 } else { LOOK_STEP });
         let is_soon = now.saturating_duration_since(self.looked) < MOVING_INTERVAL;
         if rests && is_soon && !building_changes {
             return false;
@@ -217,6 +300,28 @@ impl Scene {
         changes
     }
 
+    /// Shows an empty picture.
+    fn show_nothing(&mut self, (width, height): (usize, usize), changes: bool) {
+        self.branches.0.clear();
+        self.seen.clear();
+        if changes {
+            self.building = Frame::new(width, height);
+            self.building.colour.fill(NOTHING);
+            self.inhabited.copy_from(&self.building);
+        }
+    }
+
+    /// Notes the branches that the picture of the building shows, unless it is the one before, which
+    /// was looked at as closely.
+    fn look(&mut self, camera: &Camera, is_new: bool, step: usize) {
+        if let Some(fetcher) = self.surroundings.building.fetcher()
+            && (is_new || step < self.branches.1)
+        {
+            let shown = shown_branches(&self.building, camera, fetcher.octree(), step);
+            self.branches = (shown, step);
+        }
+    }
+
     /// Draws the building: what rooms show of it, or what they hide, too.
     fn draw_building(&mut self, camera: &Camera, (width, height): (usize, usize), hidden: bool) {
         self.building.resize(width, height);
@@ -225,13 +330,14 @@ impl Scene {
         let known = |ahead: &VisibilityPrefetcher| ahead.at(eye, velocity, focal);
         self.renderer.node_visibility = self.surroundings.ahead.as_ref().and_then(known);
         self.renderer.building_sight = if hidden { None } else { self.surroundings.sight(eye) };
-        self.renderer.draw(&self.surroundings.world.octree, camera, &mut self.building);
+        self.renderer.draw(self.surroundings.building.octree(), camera, &mut self.building);
     }
 
     /// Draws the movers that a flight sees, or those that rooms hide, too. There are no avatars on
     /// it.
     fn draw_flight(&mut self, camera: &Camera, time: Duration, hidden: bool) {
-        let Surroundings { world, rooms, .. } = &self.surroundings;
+        let Surroundings { building, rooms, .. } = &self.surroundings;
+        let world = building.world();
         self.inhabited.copy_from(&self.building);
         let mut movers: Vec<&Mover> = match &mut self.mover_visibility {
             Some(visibility) if !hidden => visibility.movers(world, rooms, &self.walker.pose()),
@@ -255,7 +361,8 @@ impl Scene {
     ) -> bool {
         let mut session = session;
         let source = session.as_mut().map(|session| session as &mut dyn AvatarSource);
-        let Surroundings { world, moving, .. } = &mut self.surroundings;
+        let Surroundings { building, moving, .. } = &mut self.surroundings;
+        let world = building.world();
         let mut in_view: InView = moving.find(&self.building, camera, world, source, time);
         if let Some(sight) = &self.renderer.building_sight {
             in_view.leave_out_hidden(sight, world);
@@ -264,7 +371,7 @@ impl Scene {
             return false;
         }
         self.inhabited.copy_from(&self.building);
-        self.seen = in_view.draw(&mut self.inhabited, camera, world);
+        self.seen = in_view.draw(&mut self.inhabited, camera, world, building.octree());
         if with_rooms {
             self.surroundings.wires().draw(&mut self.inhabited, camera);
         }

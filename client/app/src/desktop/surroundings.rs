@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
+use sightline_client_core::arriving::ArrivingWorld;
 use sightline_renderer::{
     moving::{Culling, MovingRenderer},
     node_visibility::VisibilityPrefetcher,
@@ -15,7 +16,7 @@ use super::plans::Plans;
 
 /// The building that is walked in, and what drawing it needs.
 pub(super) struct Surroundings {
-    pub(super) world: Arc<World>,
+    pub(super) building: ArrivingWorld,
     pub(super) rooms: RoomIndex,
     pub(super) moving: MovingRenderer,
     pub(super) plans: Plans,
@@ -27,37 +28,42 @@ pub(super) struct Surroundings {
 
 impl Surroundings {
     /// The surroundings in a building. `fuzzy` finds hidden nodes ahead of the eye.
-    pub(super) fn new(world: Arc<World>, fuzzy: bool) -> Self {
-        let ahead = if fuzzy {
+    pub(super) fn new(building: ArrivingWorld, fuzzy: bool) -> Self {
+        let world = building.complete().filter(|_| fuzzy);
+        let ahead = world.and_then(|world| {
             let ahead = VisibilityPrefetcher::new(&world.octree);
             ahead.inspect_err(|error| tracing::warn!(%error, "hidden nodes are not left out")).ok()
-        } else {
-            None
-        };
-        let rooms = RoomIndex::new(&world);
-        let moving = MovingRenderer::new(&world, Culling::default());
-        Self { world, rooms, moving, plans: Plans::default(), ahead, wires: None }
+        });
+        let rooms = RoomIndex::new(building.world());
+        let moving = MovingRenderer::new(building.world(), Culling::default());
+        Self { building, rooms, moving, plans: Plans::default(), ahead, wires: None }
+    }
+
+    /// The building. While pieces of it are missing, it has no voxels.
+    pub(super) fn world(&self) -> &Arc<World> {
+        self.building.world()
     }
 
     /// The rooms as wire frames.
     pub(super) fn wires(&mut self) -> &RoomWireframes {
-        self.wires.get_or_insert_with(|| RoomWireframes::new(&self.world))
+        let world = self.building.world();
+        self.wires.get_or_insert_with(|| RoomWireframes::new(world))
     }
 
     /// What rooms show to an eye, unless they show everything.
     pub(super) fn sight(&self, eye: Vec3) -> Option<BuildingSight> {
-        BuildingSight::of(&self.world, &self.rooms, eye)
+        BuildingSight::of(self.world(), &self.rooms, eye)
     }
 
     /// Whether the author has declared any room.
     pub(super) fn has_rooms(&self) -> bool {
-        !self.world.rooms.list().is_empty()
+        !self.world().rooms.list().is_empty()
     }
 
     /// The name of the building, and of the room around an eye.
     pub(super) fn place_name(&self, eye: Vec3) -> String {
-        let room = self.rooms.room_at(eye).and_then(|room| self.world.rooms.get(room));
+        let room = self.rooms.room_at(eye).and_then(|room| self.world().rooms.get(room));
         let room = room.map(|room| format!(", {}", room.title())).unwrap_or_default();
-        format!("{}{room}", self.world.title)
+        format!("{}{room}", self.world().title)
     }
 }

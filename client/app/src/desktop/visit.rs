@@ -7,6 +7,7 @@ use std::{
 };
 
 use sightline_client_core::{
+    arriving::ArrivingWorld,
     replica::{Event, VisibleAvatar},
     words,
 };
@@ -20,6 +21,7 @@ use super::{
     Drawing,
     company::Company,
     controls::{Action, Controls},
+    link::arriving,
     overlay::{Log, Overlay},
     panels::{self, Panel, PanelKind},
     redraw::RoomDisplay,
@@ -77,7 +79,8 @@ impl<'a> Visit<'a> {
 
     /// A visit without a server.
     pub(super) fn alone(world: &Arc<World>, start: Spawn, drawing: Drawing, now: Instant) -> Self {
-        let scene = Some(Scene::new(world.clone(), start, drawing, now));
+        let building = ArrivingWorld::whole(world.clone());
+        let scene = Some(Scene::new(building, start, drawing, now));
         let mut visit =
             Self { scene, entrance: Some(start), ..Self::with(Company::Nobody, drawing) };
         visit.log.add(now, HELP.to_owned());
@@ -133,6 +136,11 @@ impl<'a> Visit<'a> {
             self.go_home(controls, now);
         }
         let session = self.company.session();
+        if let (Some(scene), Some(session)) = (&mut self.scene, session)
+            && let Err(error) = scene.fetch(session, size.1)
+        {
+            session.give_up(format!("cannot use the server's world: {error}"));
+        }
         let draws = |scene: &mut Scene| scene.draw(session, size, now, self.rooms);
         let is_drawn = self.scene.as_mut().is_some_and(draws);
         if is_drawn {
@@ -162,7 +170,7 @@ impl<'a> Visit<'a> {
         let Some(session) = self.company.session() else { return };
         let pose = session.pose();
         let start = Spawn { eye: pose.eye, yaw: pose.yaw };
-        self.scene = Some(Scene::new(session.world(), start, self.drawing, now));
+        self.scene = Some(Scene::new(session.building(), start, self.drawing, now));
         controls.face(&pose);
         self.log.add(now, HELP.to_owned());
     }
@@ -175,7 +183,7 @@ impl<'a> Visit<'a> {
         for event in session.events() {
             match event {
                 Event::Entered(pose) => {
-                    if scene.enter(session.world(), pose, controls) {
+                    if scene.enter(session, pose, controls) {
                         self.log.add(now, "you are in the changed building".to_owned());
                     }
                 }
@@ -283,6 +291,9 @@ impl<'a> Visit<'a> {
             overlay.panel = Some(panels::help(self.company.is_nobody()));
         }
         let Some(scene) = &mut self.scene else { return overlay };
+        if overlay.notice.is_none() && !scene.is_open() {
+            overlay.notice = Some(arriving());
+        }
         let (session, own) = (self.company.session(), scene.pose());
         let place = scene.surroundings.place_name(own.eye);
         let who = match session {
@@ -322,11 +333,18 @@ impl<'a> Visit<'a> {
 
 /// The plan of the storey that one is on.
 fn plan_of(scene: &mut Scene, own: &Pose, told: &[VisibleAvatar]) -> Panel {
+    let title = |title: String| Panel::Table { title, rows: Vec::new() };
     let surroundings = &mut scene.surroundings;
-    let below_eye = surroundings.world.body.below_eye;
+    let Some(world) = surroundings.building.complete() else {
+        // A plan shows what one has not seen, too.
+        scene.wants_all = true;
+        let share = surroundings.building.share() * 100.0;
+        return title(format!("The plan waits for the building: {share:.0} %"));
+    };
+    let below_eye = world.body.below_eye;
     let soles = own.eye.y - below_eye;
-    let Some(plan) = surroundings.plans.at(&surroundings.world, soles) else {
-        return Panel::Table { title: "The plan is being drawn".to_owned(), rows: Vec::new() };
+    let Some(plan) = surroundings.plans.at(world, soles) else {
+        return title("The plan is being drawn".to_owned());
     };
     let others = told.iter().map(|other| (other.pose, other.colour));
     let marks = plan.marks(own, others, below_eye);

@@ -24,6 +24,21 @@ impl WorldCache {
         Self { folder, open: tokio::sync::Mutex::default() }
     }
 
+    /// The world of an id, if it is in use or on disk.
+    pub async fn find(&self, id: ContentId) -> Result<Option<Arc<World>>, ReadError> {
+        let mut open = self.open.lock().await;
+        if let Some(world) = open.get(&id.0).and_then(Weak::upgrade) {
+            return Ok(Some(world));
+        }
+        let Some(path) = self.path(id) else { return Ok(None) };
+        let kept = blocking(move || Ok(load(&path, id))).await?;
+        Ok(kept.map(|world| keep(&mut open, id, world)))
+    }
+
+    fn path(&self, id: ContentId) -> Option<PathBuf> {
+        self.folder.as_ref().map(|folder| folder.join(format!("{id}.slw")))
+    }
+
     /// The world of an id: the one in use, or from disk, or from `fetch`. Other callers wait
     /// meanwhile.
     pub async fn get<E: From<ReadError>>(
@@ -35,7 +50,7 @@ impl WorldCache {
         if let Some(world) = open.get(&id.0).and_then(Weak::upgrade) {
             return Ok(world);
         }
-        let path = self.folder.as_ref().map(|folder| folder.join(format!("{id}.slw")));
+        let path = self.path(id);
         let kept = match path.clone() {
             Some(path) => blocking(move || Ok(load(&path, id))).await?,
             None => None,
@@ -47,15 +62,20 @@ impl WorldCache {
                 blocking(move || receive(&bytes, id, path.as_deref())).await?
             }
         };
-        let world = Arc::new(world);
-        open.retain(|_, world| world.strong_count() > 0);
-        open.insert(id.0, Arc::downgrade(&world));
-        Ok(world)
+        Ok(keep(&mut open, id, world))
     }
 }
 
+/// Notes a world as one in use.
+fn keep(open: &mut HashMap<[u8; 32], Weak<World>>, id: ContentId, world: World) -> Arc<World> {
+    let world = Arc::new(world);
+    open.retain(|_, world| world.strong_count() > 0);
+    open.insert(id.0, Arc::downgrade(&world));
+    world
+}
+
 /// Runs work on a thread where it does not delay connections: reading a world takes a while.
-async fn blocking<T: Send + 'static>(
+pub(super) async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, ReadError> + Send + 'static,
 ) -> Result<T, ReadError> {
     match tokio::task::spawn_blocking(work).await {

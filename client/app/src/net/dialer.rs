@@ -70,6 +70,9 @@ pub struct ConnectOptions {
     pub identity: Arc<Identity>,
     /// An invitation, where not everybody is let in.
     pub invitation: Option<ChatLine>,
+    /// Whether the world may arrive in pieces while the client is in it, where the server offers that
+    /// and the world is not here already: see [`Session::building`].
+    pub in_pieces: bool,
     /// Called as the client comes nearer to the first world.
     pub progress: Option<ProgressListener>,
 }

@@ -1,4 +1,5 @@
-//! The connection to a server, the download of its worlds, and the cache of worlds.
+//! The connection to a server, the download of its worlds, as a whole or in pieces, and the cache of
+//! worlds.
 //!
 //! A [`Dialer`] makes [`Session`]s within a tokio runtime. A [`Connector`] makes them for a thread
 //! that has none. A session runs by itself, and its methods never wait for the network. When its link
@@ -11,6 +12,7 @@ mod dialer;
 mod download;
 mod error;
 mod passage;
+mod piece_traffic;
 mod returning;
 mod session;
 mod trust;

@@ -167,6 +167,7 @@ mod tests {
             trust: Trust::Pinned(identity.fingerprint()),
             identity,
             invitation: None,
+            in_pieces: false,
             progress: None,
         };
         let caller = Caller { dialer: Dialer::new(None), address, options };

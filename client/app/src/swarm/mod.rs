@@ -402,6 +402,7 @@ fn connect_options(
         trust: options.trust.clone(),
         identity: Arc::new(Identity::generate()?),
         invitation: None,
+        in_pieces: false,
         progress: None,
     })
 }

@@ -5,7 +5,7 @@ use std::{f32::consts::TAU, time::Duration};
 use glam::DAffine3;
 use sightline_client_core::replica::VisibleAvatar;
 use sightline_visibility::rooms::BuildingSight;
-use sightline_world::{Mover, World};
+use sightline_world::{Mover, World, octree::Octree};
 
 use crate::{
     Camera, Frame,
@@ -38,9 +38,15 @@ impl InView {
         self.movers.retain(|(at, _)| mover(*at).is_some_and(|mover| sight.may_show(mover)));
     }
 
-    /// Draws what is in view into a frame that shows the building from the same camera. Returns the
-    /// avatars that can be seen: those that at least one pixel shows.
-    pub fn draw(&self, frame: &mut Frame, camera: &Camera, world: &World) -> Vec<VisibleAvatar> {
+    /// Draws what is in view into a frame that shows the octree of the building from the same camera.
+    /// Returns the avatars that can be seen: those that at least one pixel shows.
+    pub fn draw(
+        &self,
+        frame: &mut Frame,
+        camera: &Camera,
+        world: &World,
+        octree: &Octree,
+    ) -> Vec<VisibleAvatar> {
         let doors: Vec<&Mover> =
             self.movers.iter().filter_map(|(at, _)| world.movers.get(*at as usize)).collect();
         movers::draw_selected(frame, camera, world, &doors, self.now);
@@ -51,7 +57,7 @@ impl InView {
             AvatarFigure { pose: *pose, body: world.body, colour: *colour, name, stride, light }
         };
         let figures: Vec<AvatarFigure> = self.avatars.iter().map(figure).collect();
-        let is_seen = avatars::draw(frame, camera, &world.octree, &figures);
+        let is_seen = avatars::draw(frame, camera, octree, &figures);
         let seen = self.avatars.iter().zip(is_seen).filter(|(_, is_seen)| *is_seen);
         seen.map(|(avatar, _)| avatar.clone()).collect()
     }

@@ -156,7 +156,7 @@ impl MovingRenderer {
         source: Option<&mut dyn AvatarSource>,
         now: Duration,
     ) -> Vec<VisibleAvatar> {
-        self.find(frame, camera, world, source, now).draw(frame, camera, world)
+        self.find(frame, camera, world, source, now).draw(frame, camera, world, &world.octree)
     }
 
     /// Finds the movers and avatars in view, at a time of the server's clock. The frame shows the

@@ -82,7 +82,7 @@ fn messages(file: &[u8]) -> Result<[Vec<u8>; 2], String> {
     let pose = Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() };
     let tick_interval_us = NonZeroU32::new(50_000).ok_or("a tick takes time")?;
     let welcome = ServerMessage::Welcome { avatar: AvatarId(1), tick_interval_us };
-    let offer = ServerMessage::World { number: 1, id, bytes: file.len() as u64 };
+    let offer = ServerMessage::World { number: 1, id, bytes: file.len() as u64, head: None };
     let entered = ServerMessage::Entered { pose: (&pose).into(), tick: 1 };
     let first = [frame::encode(&welcome), frame::encode(&offer)].concat();
     // The script must know where the first piece ends.
@@ -95,7 +95,7 @@ fn drawn(file: &[u8], [first, second]: &[Vec<u8>; 2]) -> Vec<f64> {
     let Ok(mut client) = Client::new("Ada", 0, &[0; 32], "") else { return Vec::new() };
     client.opened(0.0);
     client.control(1.0, &first[4..]);
-    client.give_world(file);
+    client.give(file);
     client.control(2.0, second);
     let (turn, mut now) = (std::f32::consts::TAU / VIEWS as f32, 3.0);
     let view = |_| {

@@ -1,7 +1,7 @@
 use std::num::NonZeroU32;
 
 use sightline_fixtures::voxel_floor;
-use sightline_protocol::text::Name;
+use sightline_protocol::{message::HeadOffer, text::Name};
 
 use super::*;
 
@@ -40,7 +40,7 @@ fn welcome(avatar: u32) -> ServerMessage {
 fn world(number: u32, boxes: &[([u32; 3], [u32; 3], u8)]) -> (Vec<u8>, ServerMessage) {
     let bytes = voxel_floor::world(boxes).to_bytes();
     let id = content_id(&bytes).unwrap().0;
-    let offer = ServerMessage::World { number, id, bytes: bytes.len() as u64 };
+    let offer = ServerMessage::World { number, id, bytes: bytes.len() as u64, head: None };
     (bytes, offer)
 }
 
@@ -55,7 +55,7 @@ fn present() -> (Connection, Vec<u8>, ServerMessage) {
     let (bytes, offer) = world(1, &[]);
     client.opened(at(0));
     tell(&mut client, &[welcome(1), offer.clone()]);
-    client.give_world(&bytes);
+    client.give(&bytes);
     tell(&mut client, &[entered()]);
     (client, bytes, offer)
 }
@@ -70,11 +70,11 @@ fn a_client_says_hello_gets_the_world_and_enters_it() {
     assert_eq!(client.stage(), &Stage::Waiting("it compiles".to_owned()));
     let (bytes, offer) = world(3, &[]);
     tell(&mut client, &[offer]);
-    assert_eq!(client.wanted(), content_id(&bytes).ok());
+    assert_eq!(client.wanted(), content_id(&bytes).ok().map(Wanted::File));
     let other = world(1, &[([0, 2, 0], [4, 8, 4], 0)]).0;
-    client.give_world(&other);
+    client.give(&other);
     assert_eq!(client.stage(), &Stage::Fetching, "another world is not what was wanted");
-    client.give_world(&bytes);
+    client.give(&bytes);
     assert!(matches!(said(&mut client)[..], [ClientMessage::Enter { world: 3, place: None, .. }]));
     tell(&mut client, &[entered()]);
     assert!(client.is_in() && client.wanted().is_none());
@@ -109,7 +109,7 @@ fn a_changed_building_is_entered_on_the_same_connection() {
     let (bytes, offer) = world(2, &[([0, 2, 0], [4, 8, 4], 0)]);
     tell(&mut client, &[offer]);
     assert_eq!(client.stage(), &Stage::Fetching);
-    client.give_world(&bytes);
+    client.give(&bytes);
     assert!(matches!(said(&mut client)[..], [ClientMessage::Enter { world: 2, .. }]));
     assert_eq!(client.presence().map(Presence::returns), Some(0));
 }
@@ -161,4 +161,52 @@ fn a_name_that_cannot_be_shown_is_refused_in_words() {
     let refused = Hello::new("", 0, &[0; 32], "").unwrap_err();
     assert!(Name::new("").is_err_and(|error| refused == error.to_string()));
     assert!(Hello::new("Ada", 0, &[0; 31], "").unwrap_err().contains("32 bytes"));
+}
+
+#[test]
+fn a_world_that_is_offered_in_pieces_is_entered_with_its_head() {
+    let cut = sightline_visibility::streaming::pieces_of(&voxel_floor::world(&[]));
+    let id = PieceId::of(&cut.head);
+    let head = Some(HeadOffer { id: id.0, bytes: cut.head.len() as u32 });
+    let offer = |number| ServerMessage::World { number, id: [3; 32], bytes: 9, head };
+    let mut client = client();
+    client.opened(at(0));
+    tell(&mut client, &[welcome(1), offer(1)]);
+    assert_eq!(client.wanted().unwrap().path(), format!("pieces/{id}/head"));
+    client.give(b"something else");
+    assert_eq!(client.stage(), &Stage::Fetching);
+    client.give(&cut.head);
+    tell(&mut client, &[entered()]);
+    assert!(client.is_in() && client.head_id() == Some(id));
+    let building = client.building().unwrap();
+    assert!(building.complete().is_none() && building.is(&client.world().unwrap()));
+
+    // After a link that broke it is the same world, unless its pieces are offered no more.
+    client.closed(at(50), "the cable");
+    client.opened(at(60));
+    tell(&mut client, &[welcome(1), offer(2)]);
+    assert_eq!(client.stage(), &Stage::Entering);
+    let (bytes, file) = world(3, &[]);
+    tell(&mut client, &[file]);
+    assert_eq!(client.wanted(), content_id(&bytes).ok().map(Wanted::File));
+    client.give(&bytes);
+    tell(&mut client, &[entered()]);
+    assert!(client.building().unwrap().complete().is_some() && client.head_id().is_none());
+}
+
+#[test]
+fn where_a_head_cannot_be_read_the_file_is_fetched() {
+    let id = PieceId::of(b"no head");
+    let head = Some(HeadOffer { id: id.0, bytes: 7 });
+    let (bytes, _) = world(1, &[]);
+    let file = content_id(&bytes).unwrap();
+    let offer = ServerMessage::World { number: 1, id: file.0, bytes: 9, head };
+    let mut client = client();
+    client.opened(at(0));
+    tell(&mut client, &[welcome(1), offer]);
+    client.give(b"no head");
+    assert_eq!(client.wanted(), Some(Wanted::File(file)));
+    client.give(&bytes);
+    tell(&mut client, &[entered()]);
+    assert!(client.is_in() && client.building().unwrap().complete().is_some());
 }

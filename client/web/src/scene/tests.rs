@@ -1,6 +1,7 @@
 use glam::Vec3;
 use sightline_fixtures::voxel_floor;
 use sightline_world::{
+    WorldHead,
     geometry::Aabb,
     rooms::{ObjectSet, RoomVisibility, Rooms, Shape},
 };
@@ -22,7 +23,7 @@ fn scene(has_room: bool) -> Scene {
     let rooms = if has_room { vec![room] } else { Vec::new() };
     world.rooms = Rooms::new(rooms, Vec::new()).unwrap();
     let pose = Pose { eye: voxel_floor::SPAWN.eye, ..Pose::default() };
-    Scene::new(Arc::new(world), pose)
+    Scene::new(ArrivingWorld::whole(Arc::new(world)), None, pose)
 }
 
 /// The picture at a time, if it differs from the one before.
@@ -45,4 +46,43 @@ fn what_a_room_hides_is_drawn_when_that_is_asked_for() {
     assert_eq!(drawn(&mut scene, 3), Some(whole));
     scene.toggle_hidden();
     assert_eq!(drawn(&mut scene, 4), Some(part));
+}
+
+#[test]
+fn a_scene_that_arrives_shows_nothing_at_first_and_in_the_end_what_a_whole_one_shows() {
+    let mut whole = scene(false);
+    let expected = drawn(&mut whole, 1).unwrap();
+    let cut = sightline_visibility::streaming::pieces_of(whole.building.world());
+    let building = ArrivingWorld::from_head(WorldHead::read(&cut.head).unwrap());
+    let pose = Pose { eye: voxel_floor::SPAWN.eye, ..Pose::default() };
+    let mut scene = Scene::new(building, Some(PieceId::of(&cut.head)), pose);
+    scene.set_full_size(SIZE);
+    let nothing = drawn(&mut scene, 1).unwrap();
+    assert!(nothing.iter().all(|pixel| *pixel == nothing[0]) && !scene.is_open());
+    let asked = scene.next_pieces(1);
+    assert!(scene.next_pieces(1).is_empty(), "it is under way");
+    scene.give_pieces(&asked, None).unwrap();
+    assert_eq!(scene.next_pieces(1), asked, "it could not be had");
+    scene.give_pieces(&asked, None).unwrap();
+    assert!(scene.give_pieces(&asked, Some(&[1, 2])).is_err(), "too short");
+    scene.give_pieces(&asked, None).unwrap();
+    let start = scene.walk.pose();
+    let mut last = Vec::new();
+    for second in 2.. {
+        if !scene.is_open() {
+            let ways = [1.0, 0.0, 0.0];
+            scene.step(Duration::from_secs(second), ways, false, false, false);
+            assert_eq!(scene.walk.pose().eye, start.eye, "a body waits");
+        }
+        let asked = scene.next_pieces(4_096);
+        if asked.is_empty() {
+            break;
+        }
+        let bytes: Vec<u8> =
+            asked.iter().flat_map(|number| cut.pieces[*number].iter().copied()).collect();
+        scene.give_pieces(&asked, Some(&bytes)).unwrap();
+        scene.take_pieces().unwrap();
+        last = drawn(&mut scene, second).unwrap_or(last);
+    }
+    assert!(last == expected);
 }

@@ -7,7 +7,7 @@ use sightline_compiler::plan::by_storey;
 use sightline_world::World;
 use tokio::{sync::Mutex, task::spawn_blocking};
 
-use crate::{net::Observer, supply::background};
+use crate::{background, net::Observer};
 
 /// The plans of one world.
 pub(super) struct Plans {

@@ -96,6 +96,9 @@ documented! {
         /// The folder for the certificate, the database of visitors and compiled buildings; the
         /// user's data folder when there is none.
         data: Option<PathBuf>,
+        /// A world file of at least this many bytes is also handed out in pieces, of which a visitor
+        /// needs few to see what is around it. A smaller one arrives as a whole at once.
+        pieces_from_bytes: u64,
         /// The building or world file to serve; the demo building when there is none.
         world: Option<PathBuf>,
         /// Limits on what peers may take.
@@ -187,6 +190,7 @@ impl Default for ServeConfig {
             access: Access::Open,
             chat_days: 0,
             data: None,
+            pieces_from_bytes: 512 * 1_024,
             world: None,
             limits: Limits::default(),
         }

@@ -27,9 +27,10 @@ const ACK_DELAY_MAX: Duration = Duration::from_millis(100);
 /// What may wait of one new connection until it is looked at, in bytes.
 const INCOMING_BYTES: u64 = 16 * 1_024;
 
-/// How many streams a client may open: the control stream, and before it the request for it of a
-/// browser. What nobody reads stays within the window of the connection.
-const BIDIRECTIONAL_STREAMS: u32 = if cfg!(feature = "web") { 2 } else { 1 };
+/// How many streams a client may open: the control stream, one for pieces, and one that takes its
+/// place; or for a browser the control stream, and before it the request for it. What nobody reads
+/// stays within the window of the connection.
+const BIDIRECTIONAL_STREAMS: u32 = 3;
 /// HTTP/3 needs one of its own and two for the compression of headers.
 const UNIDIRECTIONAL_STREAMS: u32 = if cfg!(feature = "web") { 3 } else { 0 };
 

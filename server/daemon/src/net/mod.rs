@@ -34,6 +34,7 @@ mod outbox;
 mod pace;
 mod place_notes;
 mod places;
+mod served_pieces;
 mod served_world;
 mod session;
 mod state;
@@ -70,6 +71,8 @@ pub use changer::{ServerEnded, WorldChanger};
 pub use config::{ConfigError, HttpAddress, Limits, Origin, ServeConfig, WebAddress};
 pub use moderation::{Author, Moderation, ModerationError, VisitorInfo};
 pub use observer::Observer;
+#[cfg(feature = "web")]
+pub(crate) use served_pieces::ServedPieces;
 pub use served_world::ServedWorld;
 pub use sightline_cli::identity::{Identity, IdentityError};
 #[cfg(feature = "web")]
@@ -140,6 +143,8 @@ pub struct Server {
     certificates: Arc<Certificates>,
     close: watch::Sender<bool>,
     accepting: JoinHandle<()>,
+    /// Cuts worlds into pieces.
+    cutting: JoinHandle<()>,
     engine: JoinHandle<()>,
     /// Becomes true when the engine's thread is to end.
     stop: Arc<AtomicBool>,
@@ -207,6 +212,8 @@ impl Server {
         });
         let (arrivals, arriving) = mpsc::channel(ARRIVALS_MAX);
         let accepting = tokio::spawn(accept::accept(endpoint.clone(), arriving, state.clone()));
+        let from_bytes = state.config.pieces_from_bytes;
+        let cutting = tokio::spawn(served_pieces::cut_offered(state.offers.offers(), from_bytes));
         let fingerprint = identity.fingerprint();
         Ok(Self {
             endpoint,
@@ -217,6 +224,7 @@ impl Server {
             certificates,
             close,
             accepting,
+            cutting,
             engine,
             stop,
         })
@@ -227,6 +235,11 @@ impl Server {
         let state = &self.state;
         let (config, offers) = (state.config.clone(), state.offers.clone());
         WorldChanger::new(config, offers, state.started, &state.events)
+    }
+
+    /// The world that it serves; `None` before the first.
+    pub fn world(&self) -> Option<ServedWorld> {
+        self.state.offers.offer().map(|offer| offer.world)
     }
 
     /// The address that it listens on.
@@ -288,6 +301,7 @@ impl Server {
     fn stop(&self) {
         self.endpoint.close(VarInt::from_u32(0), b"the server is closing");
         self.accepting.abort();
+        self.cutting.abort();
         self.stop.store(true, Relaxed);
     }
 }

@@ -26,7 +26,8 @@ pub struct WorldOffer {
 impl WorldOffer {
     fn message(&self) -> ServerMessage {
         let bytes = self.world.bytes().len() as u64;
-        ServerMessage::World { number: self.number, id: self.world.id().0, bytes }
+        let head = self.world.pieces().and_then(|pieces| pieces.offer());
+        ServerMessage::World { number: self.number, id: self.world.id().0, bytes, head }
     }
 }
 

@@ -1,9 +1,11 @@
 //! A world and the bytes of its file, ready to be served.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use bytes::Bytes;
 use sightline_world::{ContentId, ReadError, World, content_id};
+
+use super::served_pieces::ServedPieces;
 
 /// A world and the bytes of its file, ready to be served. Copies share the memory.
 #[derive(Clone, Debug)]
@@ -11,6 +13,8 @@ pub struct ServedWorld {
     world: Arc<World>,
     bytes: Bytes,
     id: ContentId,
+    /// Its pieces, once it is cut.
+    pieces: Arc<OnceLock<Arc<ServedPieces>>>,
 }
 
 impl ServedWorld {
@@ -21,14 +25,14 @@ impl ServedWorld {
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, ReadError> {
         let id = content_id(&bytes)?;
         let world = Arc::new(World::from_bytes(&bytes)?);
-        Ok(Self { world, bytes: bytes.into(), id })
+        Ok(Self { world, bytes: bytes.into(), id, pieces: Arc::default() })
     }
 
     /// Writes a world's file into memory.
     pub fn from_world(world: Arc<World>) -> Self {
         let bytes = world.to_bytes();
         let id = content_id(&bytes).expect("a world's own bytes are a world file");
-        Self { world, bytes: bytes.into(), id }
+        Self { world, bytes: bytes.into(), id, pieces: Arc::default() }
     }
 
     /// The world.
@@ -41,8 +45,23 @@ impl ServedWorld {
         &self.bytes
     }
 
+    /// The bytes of all pieces in which it can be had; `None` until it is cut.
+    pub fn pieces_bytes(&self) -> Option<usize> {
+        self.pieces().map(|pieces| pieces.bytes())
+    }
+
     /// The content id by which clients cache the file.
     pub(crate) fn id(&self) -> &ContentId {
         &self.id
+    }
+
+    /// The pieces; `None` until the world is cut.
+    pub(crate) fn pieces(&self) -> Option<&Arc<ServedPieces>> {
+        self.pieces.get()
+    }
+
+    /// Takes in the pieces. The first ones stay.
+    pub(super) fn set_pieces(&self, pieces: Arc<ServedPieces>) {
+        let _ = self.pieces.set(pieces);
     }
 }

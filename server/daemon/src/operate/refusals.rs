@@ -50,6 +50,10 @@ reasons! {
     JoiningOfNetwork = "joining_per_address_max",
     /// A client that took too long to enter.
     Enter = "enter_s",
+    /// A request for pieces that a client took too long to receive.
+    Download = "download_bytes_per_s",
+    /// A request for pieces that waited, because its client had been sent all that it may be.
+    Pieces = "piece_bytes_per_s",
     /// A client that was silent for too long.
     Silence = "silence_s",
     /// A message beyond the client's budget, which was ignored.
@@ -87,8 +91,14 @@ reasons! {
 }
 
 /// How often something was refused, by reason.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Refusals([AtomicU64; Reason::NAMES.len()]);
+
+impl Default for Refusals {
+    fn default() -> Self {
+        Self(std::array::from_fn(|_| AtomicU64::new(0)))
+    }
+}
 
 impl Refusals {
     /// Counts a refusal.
@@ -97,10 +107,10 @@ impl Refusals {
     }
 
     /// All refusals by which a peer lost something: a line of the log, a handshake that goes on once
-    /// the address is proven, and poses that wait are none of them.
+    /// the address is proven, and poses or pieces that wait are none of them.
     pub(crate) fn total(&self) -> u64 {
-        let costs_nothing =
-            [Reason::Unproven, Reason::LogLine, Reason::SendBudget].map(|reason| reason as usize);
+        let costs_nothing = [Reason::Unproven, Reason::LogLine, Reason::SendBudget, Reason::Pieces]
+            .map(|reason| reason as usize);
         let counts = self.0.iter().enumerate();
         let lost = counts.filter(|(reason, _)| !costs_nothing.contains(reason));
         lost.map(|(_, count)| count.load(Relaxed)).sum()

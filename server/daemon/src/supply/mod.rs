@@ -5,7 +5,6 @@
 //! running server, at a lower priority, and takes its place. Fine worlds are kept in a
 //! [`BuildingCache`]: a second start needs no compilation.
 
-pub(crate) mod background;
 mod watch;
 
 use std::{
@@ -26,6 +25,7 @@ use sightline_world::ReadError;
 use thiserror::Error;
 
 use crate::{
+    background,
     building_cache::{BuildingCache, BuildingError, CacheKey},
     building_files::BuildingSource,
     net::{ServedWorld, ServerEnded, WorldChanger},

@@ -32,6 +32,8 @@ pub(super) struct Join {
     world: Option<String>,
     /// The length of the world's file, in bytes.
     world_bytes: usize,
+    /// The content id of the world's head; `None` where the world is not to be had in pieces.
+    head: Option<String>,
     /// The building's title.
     name: String,
     /// Where WebTransport is; `None` when the request names no host.
@@ -63,6 +65,7 @@ pub(super) async fn join(
         version: VERSION,
         world: world.map(|world| world.id().to_string()),
         world_bytes: world.map_or(0, |world| world.bytes().len()),
+        head: world.and_then(|world| world.pieces()).map(|pieces| pieces.id().to_string()),
         name: world.map(|world| world.world().title.clone()).unwrap_or_default(),
         webtransport: host::host(&headers).map(|host| WebTransport {
             url: site.door.web_transport_url(host::name(host)),

@@ -1,4 +1,5 @@
-//! The listener for visitors with a browser: the page, the world's file, and the WebSocket.
+//! The listener for visitors with a browser: the page, the world's file or its pieces, and the
+//! WebSocket.
 //!
 //! It is on the TCP port with the number of the UDP port, unless the operator chooses another one.
 //! Connections have limits: in all, for each network, and in time. Requests have a rate for each
@@ -7,9 +8,11 @@
 //! then on.
 
 mod connection;
+mod download;
 mod host;
 mod join;
 mod page;
+mod pieces;
 mod rates;
 mod routes;
 mod visit;

@@ -14,7 +14,7 @@ use axum::{
     routing::get,
 };
 
-use super::{host, join, page, rates::Rates, visit, world};
+use super::{host, join, page, pieces, rates::Rates, visit, world};
 use crate::{
     http::{Connections, is_own_name},
     net::{VISIT_PATH, WebDoor},
@@ -67,11 +67,19 @@ impl Site {
         Router::new()
             .route("/join.json", get(join::join))
             .route("/world/{id}", get(world::world))
+            .route("/pieces/{id}/{wanted}", get(pieces::pieces))
             .route(VISIT_PATH, get(visit::visit))
             .route("/", get(page::index))
             .route("/{file}", get(page::file))
             .with_state(self.clone())
             .layer(middleware::from_fn_with_state(self, guard))
+    }
+
+    /// Answers a download that is beyond a limit.
+    pub(super) fn refuse_download(&self, reason: Reason) -> Response {
+        self.door.count_refusal(reason);
+        let said = "too many others download the world: try again soon\n";
+        (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "2")], said).into_response()
     }
 
     /// Who asks by a request.

@@ -1,11 +1,6 @@
 //! The download of the world that is served, by its content id.
 
-use std::{
-    convert::Infallible,
-    pin::Pin,
-    sync::Arc,
-    task::{Context, Poll},
-};
+use std::sync::Arc;
 
 use axum::{
     body::Body,
@@ -13,19 +8,12 @@ use axum::{
     http::{HeaderMap, StatusCode, header},
     response::{IntoResponse, Response},
 };
-use bytes::Bytes;
-use hyper::body::{Frame, SizeHint};
 
 use super::{
+    download::{Download, IMMUTABLE},
     host,
     routes::{Site, Visitor},
 };
-use crate::http::ConnectionPlace;
-
-/// The size of the pieces in which the world is sent, in bytes.
-const PIECE_BYTES: usize = 64 * 1_024;
-/// A content id never means another world.
-const IMMUTABLE: &str = "public, max-age=31536000, immutable";
 
 /// `GET /world/ID`: the file as native clients get it.
 pub(super) async fn world(
@@ -45,47 +33,9 @@ pub(super) async fn world(
     }
     let place = match site.downloads.begin(visitor.address.ip()) {
         Ok(place) => place,
-        Err(reason) => {
-            site.door.count_refusal(reason);
-            let said = "too many others download the world: try again soon\n";
-            return (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "2")], said)
-                .into_response();
-        }
+        Err(reason) => return site.refuse_download(reason),
     };
-    let body = Download { rest: world.bytes().clone(), site, _place: place };
+    let body = Download::new(vec![world.bytes().clone()], site, Some(place));
     let kind = [(header::CONTENT_TYPE, "application/octet-stream")];
     (caching, kind, Body::new(body)).into_response()
-}
-
-/// A world's bytes, piece by piece. It counts as a download until the last one is taken.
-struct Download {
-    rest: Bytes,
-    site: Arc<Site>,
-    _place: ConnectionPlace,
-}
-
-impl hyper::body::Body for Download {
-    type Data = Bytes;
-    type Error = Infallible;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        _: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
-        if self.rest.is_empty() {
-            return Poll::Ready(None);
-        }
-        let bytes = self.rest.len().min(PIECE_BYTES);
-        let piece = self.rest.split_to(bytes);
-        self.site.door.count_world_out(bytes);
-        Poll::Ready(Some(Ok(Frame::data(piece))))
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.rest.is_empty()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        SizeHint::with_exact(self.rest.len() as u64)
-    }
 }

@@ -11,7 +11,7 @@
 //! `VIEW` has the viewpoints and what may be seen from each, in a zstd frame. The pieces are
 //! numbered by branch, and within a branch by grade.
 
-use std::fmt;
+use std::{fmt, sync::Arc};
 
 use glam::Vec3;
 use roaring::RoaringBitmap;
@@ -234,7 +234,7 @@ fn view_bytes(viewpoints: &Viewpoints, seen: &[RoaringBitmap], branches: usize) 
 #[derive(Clone, Debug)]
 pub struct WorldHead {
     /// The world without mesh. Its octree is empty: see [`WorldHead::octree`].
-    pub world: World,
+    pub world: Arc<World>,
     /// The octree, of which the trunk is here.
     pub octree: PartialOctree,
     /// The ids and lengths of the pieces.
@@ -275,7 +275,7 @@ impl WorldHead {
         if !input.is_empty() {
             return Err(ReadError::Malformed("bytes after the last section"));
         }
-        Ok(Self { world, octree, table, viewpoints, seen })
+        Ok(Self { world: Arc::new(world), octree, table, viewpoints, seen })
     }
 
     /// The id and the length in bytes of a piece, if there is one of this number.

@@ -14,6 +14,7 @@ use sightline_protocol::{
 };
 use tokio::{
     sync::mpsc,
+    task::JoinSet,
     time::{Instant, MissedTickBehavior, timeout},
 };
 
@@ -22,7 +23,8 @@ use super::{
         cache::WorldCache,
         control_stream::ControlStream,
         error::{ConnectError, lost},
-        passage::offered_world,
+        passage::{ArrivedOffer, Ways, offered_world},
+        piece_traffic::{PieceStream, PieceTraffic, carry},
         returning::{Caller, PATIENCE, Pauses},
     },
     Welcomed,
@@ -47,6 +49,8 @@ pub(super) enum SessionCommand {
     Respawn,
     /// Say goodbye, and end.
     Leave,
+    /// End for a reason.
+    GiveUp(String),
 }
 
 /// The task of a session.
@@ -55,6 +59,8 @@ pub(super) struct Driver {
     caller: Caller,
     cache: Arc<WorldCache>,
     shared: Arc<SharedState>,
+    /// Brings the pieces of the world, where it comes in pieces.
+    carrying: JoinSet<ConnectError>,
 }
 
 impl Driver {
@@ -65,7 +71,30 @@ impl Driver {
         cache: Arc<WorldCache>,
         shared: Arc<SharedState>,
     ) -> Self {
-        Self { control, caller, cache, shared }
+        Self { control, caller, cache, shared, carrying: JoinSet::new() }
+    }
+
+    /// Begins to bring the pieces of an offered world, and ends with those of the one before.
+    pub(super) fn carry(
+        &mut self,
+        world: u32,
+        pieces: Option<(Arc<PieceTraffic>, Option<PieceStream>)>,
+    ) {
+        self.carrying.abort_all();
+        self.carrying = JoinSet::new();
+        if let Some((traffic, stream)) = pieces {
+            let connection = self.control.connection.clone();
+            self.carrying.spawn(carry(connection, world, traffic, stream));
+        }
+    }
+
+    /// Gets a world that is offered, as it may come.
+    async fn offered(&mut self, offer: Option<WorldOffer>) -> Result<ArrivedOffer, ConnectError> {
+        let present = self.shared.lock().pieces.clone();
+        let in_pieces = self.caller.options.in_pieces;
+        let present = present.as_ref();
+        let ways = Ways { cache: &self.cache, in_pieces, present, progress: None };
+        offered_world(&mut self.control, ways, offer).await
     }
 
     /// Asks to enter the first world, and waits until the server gives a place in it, or in another
@@ -142,12 +171,14 @@ impl Driver {
         let welcomed = self.caller.call(pauses, give_up).await?;
         let Welcomed { control, avatar, tick_interval } = welcomed;
         self.control = control;
-        let (offer, world) = offered_world(&mut self.control, &self.cache, None, None).await?;
+        let ArrivedOffer { number, world, pieces } = self.offered(None).await?;
         let enters = {
             let mut state = self.shared.lock();
             state.change_connection(self.control.connection.clone());
-            state.presence.reconnect(avatar, tick_interval, offer.number, world)
+            state.pieces = pieces.as_ref().map(|(traffic, _)| traffic.clone());
+            state.presence.reconnect(avatar, tick_interval, number, world)
         };
+        self.carry(number, pieces);
         self.send(&enters).await
     }
 
@@ -179,10 +210,12 @@ impl Driver {
                         tracing::debug!(%error, "a datagram was ignored");
                     }
                 }
+                Some(Ok(error)) = self.carrying.join_next() => return Err(error),
                 due = ticks.tick() => self.tick(due).await?,
                 command = inbox.recv() => match command {
                     Some(SessionCommand::Say(text)) => self.send(&ClientMessage::Chat { text }).await?,
                     Some(SessionCommand::Respawn) => self.send(&ClientMessage::Respawn).await?,
+                    Some(SessionCommand::GiveUp(reason)) => return Ok(reason),
                     Some(SessionCommand::Leave) | None => return self.leave().await,
                 },
             }
@@ -197,9 +230,13 @@ impl Driver {
 
     /// Gets the offered world, or one that takes its place meanwhile, and asks to go on in it.
     async fn move_to(&mut self, offer: WorldOffer) -> Result<(), ConnectError> {
-        let (offer, world) =
-            offered_world(&mut self.control, &self.cache, Some(offer), None).await?;
-        let enters = self.shared.lock().presence.leave_world(offer.number, world);
+        let ArrivedOffer { number, world, pieces } = self.offered(Some(offer)).await?;
+        let enters = {
+            let mut state = self.shared.lock();
+            state.pieces = pieces.as_ref().map(|(traffic, _)| traffic.clone());
+            state.presence.leave_world(number, world)
+        };
+        self.carry(number, pieces);
         self.send(&enters).await
     }
 

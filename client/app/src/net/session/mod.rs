@@ -10,6 +10,7 @@ use std::{
 
 use quinn::VarInt;
 use sightline_client_core::{
+    arriving::ArrivingWorld,
     presence::{Link, Presence},
     replica::{AvatarSource, Event, HeldAvatar, Update, VisibleAvatar},
     reporting::ReportingCounts,
@@ -27,7 +28,11 @@ use self::{
     state::SharedState,
 };
 use super::{
-    cache::WorldCache, control_stream::ControlStream, error::ConnectError, passage::offered_world,
+    cache::WorldCache,
+    control_stream::ControlStream,
+    error::ConnectError,
+    passage::{ArrivedOffer, Ways, offered_world},
+    piece_traffic::PieceTraffic,
     returning::Caller,
 };
 
@@ -110,21 +115,62 @@ impl Session {
         cache: Arc<WorldCache>,
     ) -> Result<Self, ConnectError> {
         let Welcomed { mut control, avatar, tick_interval } = welcomed;
-        let progress = caller.options.progress.as_ref();
-        let (offer, world) = offered_world(&mut control, &cache, None, progress).await?;
+        let ways = Ways {
+            cache: &cache,
+            in_pieces: caller.options.in_pieces,
+            present: None,
+            progress: caller.options.progress.as_ref(),
+        };
+        let ArrivedOffer { number, world, pieces } =
+            offered_world(&mut control, ways, None).await?;
         let (name, place) = (caller.options.name.clone(), caller.options.place);
         let presence = Presence::new(avatar, tick_interval, world, name);
-        let shared = Arc::new(SharedState::new(control.connection.clone(), presence));
+        let traffic = pieces.as_ref().map(|(traffic, _)| traffic.clone());
+        let shared = Arc::new(SharedState::new(control.connection.clone(), presence, traffic));
         let mut driver = Driver::new(control, caller, cache, shared.clone());
-        driver.enter(offer.number, place).await?;
+        driver.carry(number, pieces);
+        driver.enter(number, place).await?;
         let (commands, inbox) = mpsc::channel(COMMANDS_MAX);
         let task = tokio::spawn(driver.run(inbox));
         Ok(Self { shared, commands, task })
     }
 
-    /// The building. The server may replace it: each [`Event::Entered`] may be in another one.
+    /// The building. The server may replace it: each [`Event::Entered`] may be in another one. Where it
+    /// arrives in pieces, it has no voxels and no mesh: see [`Session::building`].
     pub fn world(&self) -> Arc<World> {
         self.shared.lock().presence.world().clone()
+    }
+
+    /// The building with what is here of it, for one who goes on to ask for the pieces that are
+    /// missing. To be called once for each building.
+    pub fn building(&self) -> ArrivingWorld {
+        let state = self.shared.lock();
+        match state.pieces.as_ref().and_then(|pieces| pieces.take_head()) {
+            Some(head) => ArrivingWorld::from_head(head),
+            None => ArrivingWorld::whole(state.presence.world().clone()),
+        }
+    }
+
+    /// Asks for pieces of a building, the most urgent first, unless another one has taken its place.
+    /// They come however often the link breaks meanwhile.
+    pub fn ask_for_pieces(&self, building: &ArrivingWorld, numbers: &[usize]) {
+        if let Some(pieces) = self.pieces_of(building) {
+            pieces.ask(numbers);
+        }
+    }
+
+    /// The pieces of a building that have come since the last call, with their numbers.
+    pub fn arrived_pieces(&self, building: &ArrivingWorld) -> Vec<(usize, Vec<u8>)> {
+        self.pieces_of(building).map(|pieces| pieces.take_arrived()).unwrap_or_default()
+    }
+
+    fn pieces_of(&self, building: &ArrivingWorld) -> Option<Arc<PieceTraffic>> {
+        self.shared.lock().pieces.clone().filter(|pieces| building.is(&pieces.world))
+    }
+
+    /// Ends the session, because the building cannot be used.
+    pub fn give_up(&self, reason: String) {
+        let _ = self.commands.try_send(SessionCommand::GiveUp(reason));
     }
 
     /// How the client stands with its server.

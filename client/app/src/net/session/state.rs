@@ -2,7 +2,7 @@
 
 use std::{
     sync::{
-        Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicU64, Ordering::Relaxed},
     },
     time::{Duration, Instant},
@@ -10,6 +10,8 @@ use std::{
 
 use quinn::Connection;
 use sightline_client_core::presence::Presence;
+
+use super::super::piece_traffic::PieceTraffic;
 
 /// The state of a session, shared by its methods and its task.
 pub(super) struct SharedState {
@@ -25,6 +27,8 @@ pub(super) struct SharedState {
 pub(super) struct LockedState {
     pub(super) connection: Connection,
     pub(super) presence: Presence,
+    /// The pieces of its world, where that comes in pieces.
+    pub(super) pieces: Option<Arc<PieceTraffic>>,
     /// Why the session ended; `None` while it runs.
     pub(super) end: Option<String>,
     pub(super) meter: RateMeter,
@@ -45,10 +49,15 @@ pub(super) struct RateMeter {
 
 impl SharedState {
     /// The state of a session that starts now.
-    pub(super) fn new(connection: Connection, presence: Presence) -> Self {
+    pub(super) fn new(
+        connection: Connection,
+        presence: Presence,
+        pieces: Option<Arc<PieceTraffic>>,
+    ) -> Self {
         let locked = LockedState {
             connection,
             presence,
+            pieces,
             end: None,
             meter: RateMeter::default(),
             udp_before: [0; 2],

@@ -50,6 +50,7 @@ pub(super) const SETTINGS: &[Bound] = &[
     bound("hello_s", 0.1, 600.0),
     bound("silence_s", 0.1, 3_600.0),
     bound("chat_days", 0.0, 3_650.0),
+    bound("pieces_from_bytes", 0.0, 1e15),
 ];
 
 /// The bounds of the numbers of [`super::Limits`].
@@ -73,6 +74,7 @@ pub(super) const LIMITS: &[Bound] = &[
     bound("enter_s", 0.1, 600.0),
     bound("download_s", 1.0, 3_600.0),
     bound("download_bytes_per_s", 1_024.0, 1e9),
+    bound("piece_bytes_per_s", 1_024.0, 1e9),
     bound("idle_s", 1.0, 600.0),
     bound("write_s", 0.1, 600.0),
     bound("messages_per_tick", 1.1, 100.0),

@@ -35,6 +35,9 @@ documented! {
         download_s: f64,
         /// A slower download of a larger world is given up, in bytes a second.
         download_bytes_per_s: u32,
+        /// Bytes of pieces to one native client in a second, once it was sent as many as the world
+        /// has. It waits for more.
+        piece_bytes_per_s: u32,
         /// A connection that is silent for longer is lost, in seconds.
         idle_s: f64,
         /// How long a client may take to read what was to be sent to it at one time, in seconds.
@@ -106,6 +109,7 @@ impl Default for Limits {
             enter_s: 10.0,
             download_s: 30.0,
             download_bytes_per_s: 128 * 1_024,
+            piece_bytes_per_s: 1 << 20,
             idle_s: 30.0,
             write_s: 10.0,
             messages_per_tick: 2.0,

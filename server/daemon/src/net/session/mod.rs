@@ -3,6 +3,7 @@
 mod download;
 mod end;
 mod frames;
+mod pieces;
 mod writer;
 
 use std::{
@@ -187,6 +188,7 @@ impl<'a> Session<'a> {
             end = self.listen(&mut frames) => end,
             end = self.listen_to_datagrams() => end,
             end = self.watch_silence() => end,
+            end = self.hand_out_pieces() => end,
             end = self.watch_offers(self.state.offers.offers()) => end,
             end = writer.run(&self.client) => end,
             _ = closing.wait_for(|closing| *closing) => SessionEnd::Closing,

@@ -16,8 +16,8 @@ use std::{net::SocketAddr, time::Duration};
 use bytes::Bytes;
 use sightline_protocol::fingerprint::KeyFingerprint;
 
+pub use quic::{PieceStream, QuicTransport, WorldStream};
 use quic::{QuicReader, QuicWriter};
-pub use quic::{QuicTransport, WorldStream};
 #[cfg(feature = "web")]
 pub use web_socket::WebSocketTransport;
 #[cfg(feature = "web")]
@@ -162,6 +162,16 @@ impl Transport {
             Self::Quic(quic) => quic.open_world_stream().await,
             #[cfg(feature = "web")]
             Self::WebTransport(_) | Self::WebSocket(_) => None,
+        }
+    }
+
+    /// The next stream that the client opens for pieces. It never comes from browsers. May be
+    /// cancelled.
+    pub async fn piece_stream(&self) -> Result<PieceStream, TransportError> {
+        match self {
+            Self::Quic(quic) => quic.piece_stream().await,
+            #[cfg(feature = "web")]
+            Self::WebTransport(_) | Self::WebSocket(_) => std::future::pending().await,
         }
     }
 

@@ -29,6 +29,12 @@ pub struct QuicWriter(SendStream);
 /// A stream on which a world file is sent, with a lower priority than control messages.
 pub struct WorldStream(SendStream);
 
+/// A stream by which a client gets pieces of the world, with a lower priority than control messages.
+pub struct PieceStream {
+    to: SendStream,
+    from: RecvStream,
+}
+
 impl QuicTransport {
     pub fn new(connection: Connection) -> Self {
         Self(connection)
@@ -62,6 +68,13 @@ impl QuicTransport {
         // Control messages go first.
         let _ = stream.set_priority(-1);
         Some(WorldStream(stream))
+    }
+
+    pub(super) async fn piece_stream(&self) -> Result<PieceStream, TransportError> {
+        let (to, from) = self.0.accept_bi().await?;
+        // Control messages go first.
+        let _ = to.set_priority(-1);
+        Ok(PieceStream { to, from })
     }
 
     pub(super) fn key(&self) -> Option<KeyFingerprint> {
@@ -119,6 +132,18 @@ impl WorldStream {
         if self.0.finish().is_ok() {
             let _ = self.0.stopped().await;
         }
+    }
+}
+
+impl PieceStream {
+    /// Fills a buffer with what arrives. `None` when the client ends the stream before.
+    pub async fn read(&mut self, bytes: &mut [u8]) -> Option<()> {
+        self.from.read_exact(bytes).await.ok()
+    }
+
+    /// Writes bytes. `None` when the client does not take them.
+    pub async fn write(&mut self, bytes: Bytes) -> Option<()> {
+        self.to.write_chunk(bytes).await.ok()
     }
 }
 

@@ -89,6 +89,20 @@ impl PartialOctree {
         &self.octree
     }
 
+    /// Takes the tree out, and leaves one without voxels.
+    pub fn take_octree(&mut self) -> Octree {
+        let Octree { origin, edge, depth, .. } = self.octree;
+        let empty = Self {
+            octree: Octree::empty(origin, edge, depth),
+            codes: self.codes.clone(),
+            height: self.height,
+            branches: Vec::new(),
+            places: FxHashMap::default(),
+            stand_ins: FxHashMap::default(),
+        };
+        std::mem::replace(self, empty).octree
+    }
+
     /// The number of branches.
     pub fn branches(&self) -> usize {
         self.branches.len()
@@ -111,10 +125,16 @@ impl PartialOctree {
 
     /// The branch whose cube a point is in, if there is one.
     pub fn branch_at(&self, point: Vec3) -> Option<usize> {
-        self.places.get(&self.place(point)).map(|&branch| branch as usize)
+        self.branch_of(self.place_of(point))
     }
 
-    fn place(&self, point: Vec3) -> [i32; 3] {
+    /// The branch at a place, if there is one.
+    pub fn branch_of(&self, place: [i32; 3]) -> Option<usize> {
+        self.places.get(&place).map(|&branch| branch as usize)
+    }
+
+    /// The place of a point, counted in cubes of the size of branches from the octree's corner.
+    pub fn place_of(&self, point: Vec3) -> [i32; 3] {
         ((point - self.octree.origin) / self.edge_after(0)).floor().as_ivec3().to_array()
     }
 
@@ -245,7 +265,7 @@ impl PartialOctree {
             |(root, corner)| Branch { root, bounds: Aabb::new(corner, corner + edge), grades: 0 };
         self.branches = above.into_iter().zip(corners).map(branch).collect();
         let centres = self.branches.iter().map(|branch| branch.bounds.centre());
-        self.places = (0..).zip(centres).map(|(i, centre)| (self.place(centre), i)).collect();
+        self.places = (0..).zip(centres).map(|(i, centre)| (self.place_of(centre), i)).collect();
         self.mark_trunk();
     }
 

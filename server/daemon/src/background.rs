@@ -17,7 +17,7 @@ pub(crate) fn threads(count: usize) -> Result<ThreadPool, ThreadPoolBuildError> 
 
 /// Lowers the priority of this thread. Only Linux has priorities of threads by this call; elsewhere
 /// it would lower the server's own.
-fn lower_priority() {
+pub(crate) fn lower_priority() {
     #[cfg(target_os = "linux")]
     if let Err(error) = rustix::process::nice(NICENESS) {
         tracing::debug!(%error, "the priority stays");

@@ -1,0 +1,306 @@
+//! Pieces of the world on their way: a window asks for them, and they come on a stream of their own.
+
+use std::{
+    collections::VecDeque,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+
+use quinn::{Connection, RecvStream, SendStream};
+use sightline_protocol::{
+    message::HeadOffer,
+    piece_stream::{BEFORE_PIECE_BYTES, HEAD, read_before_piece, requests},
+};
+use sightline_world::{PieceId, ReadError, World, WorldHead};
+use tokio::{
+    sync::Notify,
+    time::{sleep, timeout},
+};
+
+use super::{
+    cache::blocking,
+    error::{ConnectError, lost},
+};
+
+/// The time within which a head must begin to arrive, and within which each chunk must.
+const CHUNK_DEADLINE: Duration = Duration::from_secs(20);
+/// The longest head that is fetched: 64 MiB.
+const HEAD_BYTES_MAX: u32 = 1 << 26;
+/// A stream that the server has ended is opened again after so long.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// The pieces of one world on their way to a window. It outlasts connections: what has not come is
+/// asked for again on the next one.
+#[derive(Debug)]
+pub(super) struct PieceTraffic {
+    /// The world without voxels.
+    pub(super) world: Arc<World>,
+    id: PieceId,
+    /// The ids and lengths of the pieces.
+    table: Vec<(PieceId, u32)>,
+    waiting: Mutex<Waiting>,
+    asked: Notify,
+}
+
+#[derive(Debug, Default)]
+struct Waiting {
+    /// The head, until a window takes it.
+    head: Option<WorldHead>,
+    /// What was asked for and is not here, in order.
+    missing: VecDeque<u32>,
+    /// How many of the last of them were not asked for on this stream.
+    unsent: usize,
+    arrived: Vec<(usize, Vec<u8>)>,
+}
+
+impl PieceTraffic {
+    fn new(head: WorldHead, id: PieceId) -> Self {
+        let table = (0..head.pieces()).filter_map(|number| head.piece(number)).collect();
+        let world = head.world.clone();
+        let waiting = Mutex::new(Waiting { head: Some(head), ..Waiting::default() });
+        Self { world, id, table, waiting, asked: Notify::new() }
+    }
+
+    /// Whether these are the pieces that are offered by a head.
+    pub(super) fn is_of(&self, head: &HeadOffer) -> bool {
+        self.id.0 == head.id
+    }
+
+    /// The head, once.
+    pub(super) fn take_head(&self) -> Option<WorldHead> {
+        self.waiting().head.take()
+    }
+
+    /// Asks for pieces. Numbers that there are not are ignored.
+    pub(super) fn ask(&self, numbers: &[usize]) {
+        let mut waiting = self.waiting();
+        let known = numbers.iter().filter(|number| **number < self.table.len());
+        for number in known.filter_map(|number| u32::try_from(*number).ok()) {
+            waiting.missing.push_back(number);
+            waiting.unsent += 1;
+        }
+        drop(waiting);
+        self.asked.notify_one();
+    }
+
+    /// The pieces that have come since the last call.
+    pub(super) fn take_arrived(&self) -> Vec<(usize, Vec<u8>)> {
+        std::mem::take(&mut self.waiting().arrived)
+    }
+
+    /// On a new stream, all that is missing is to be asked for.
+    fn begin(&self) {
+        let mut waiting = self.waiting();
+        waiting.unsent = waiting.missing.len();
+        drop(waiting);
+        self.asked.notify_one();
+    }
+
+    /// Waits until something is to be asked for on the stream.
+    async fn next_numbers(&self) -> Vec<u32> {
+        loop {
+            {
+                let mut waiting = self.waiting();
+                let sent = waiting.missing.len() - waiting.unsent;
+                if waiting.unsent > 0 {
+                    waiting.unsent = 0;
+                    return waiting.missing.range(sent..).copied().collect();
+                }
+            }
+            self.asked.notified().await;
+        }
+    }
+
+    /// The length of a piece that was asked for on this stream.
+    fn expected(&self, number: u32) -> Option<u32> {
+        let waiting = self.waiting();
+        let sent = waiting.missing.len() - waiting.unsent;
+        let is_expected = waiting.missing.range(..sent).any(|missing| *missing == number);
+        self.table.get(number as usize).filter(|_| is_expected).map(|(_, bytes)| *bytes)
+    }
+
+    /// Takes in a piece.
+    fn arrive(&self, number: u32, piece: Vec<u8>) -> Result<(), ReadError> {
+        let id = self.table.get(number as usize).map(|(id, _)| *id);
+        if id != Some(PieceId::of(&piece)) {
+            return Err(ReadError::Damaged);
+        }
+        let mut waiting = self.waiting();
+        if let Some(at) = waiting.missing.iter().position(|missing| *missing == number) {
+            waiting.missing.remove(at);
+        }
+        waiting.arrived.push((number as usize, piece));
+        Ok(())
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+        // No panic while the lock is held leaves this half changed.
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A stream by which pieces of a world come.
+pub(super) struct PieceStream {
+    to: SendStream,
+    from: RecvStream,
+}
+
+/// Why nothing more comes on a stream.
+enum StreamEnd {
+    /// The server ended it, or the connection broke.
+    Ended,
+    /// What came is no answer.
+    Faulty(ConnectError),
+}
+
+impl PieceStream {
+    /// Opens a stream for the pieces of an offered world.
+    async fn open(connection: &Connection, world: u32) -> Result<Self, ConnectError> {
+        let (mut to, from) = connection.open_bi().await.map_err(lost)?;
+        let begun = to.write_all(&world.to_le_bytes()).await;
+        begun.map_err(|error| ConnectError::Lost(error.to_string()))?;
+        Ok(Self { to, from })
+    }
+
+    /// Carries pieces until the stream ends.
+    async fn carry(self, traffic: &PieceTraffic) -> StreamEnd {
+        let Self { mut to, mut from } = self;
+        let ask = async {
+            loop {
+                let numbers = traffic.next_numbers().await;
+                if to.write_all(&requests(&numbers)).await.is_err() {
+                    return StreamEnd::Ended;
+                }
+            }
+        };
+        let receive = async {
+            loop {
+                let (number, bytes) = match receive_before(&mut from).await {
+                    Some(before) => before,
+                    None => return StreamEnd::Ended,
+                };
+                if traffic.expected(number) != Some(bytes) {
+                    return StreamEnd::Faulty(ReadError::Damaged.into());
+                }
+                let Some(piece) = receive_bytes(&mut from, bytes).await else {
+                    return StreamEnd::Ended;
+                };
+                if let Err(error) = traffic.arrive(number, piece) {
+                    return StreamEnd::Faulty(error.into());
+                }
+            }
+        };
+        tokio::select! {
+            end = ask => end,
+            end = receive => end,
+        }
+    }
+}
+
+/// Carries the pieces of a world that is offered on a connection, by this stream and by later ones.
+/// Ends when what comes is no answer; otherwise it is to be dropped with the connection.
+pub(super) async fn carry(
+    connection: Connection,
+    world: u32,
+    traffic: Arc<PieceTraffic>,
+    mut stream: Option<PieceStream>,
+) -> ConnectError {
+    loop {
+        let opened = match stream.take() {
+            Some(stream) => Ok(stream),
+            None => PieceStream::open(&connection, world).await,
+        };
+        if let Ok(stream) = opened {
+            traffic.begin();
+            if let StreamEnd::Faulty(error) = stream.carry(&traffic).await {
+                return error;
+            }
+        }
+        // The world is offered no more, or the connection broke: whoever began this learns of it.
+        sleep(PAUSE).await;
+    }
+}
+
+/// Gets the head of an offered world, and the stream for its pieces.
+///
+/// # Errors
+/// When it does not come in time, or is none.
+pub(super) async fn fetch_head(
+    connection: &Connection,
+    world: u32,
+    offer: HeadOffer,
+) -> Result<(Arc<PieceTraffic>, PieceStream), ConnectError> {
+    if offer.bytes > HEAD_BYTES_MAX {
+        return Err(ConnectError::WorldTooLarge(offer.bytes.into()));
+    }
+    let mut stream = PieceStream::open(connection, world).await?;
+    let asked = stream.to.write_all(&requests(&[HEAD])).await;
+    asked.map_err(|error| ConnectError::Lost(error.to_string()))?;
+    let Some(before) = receive_before(&mut stream.from).await else { return overtaken().await };
+    if before != (HEAD, offer.bytes) {
+        return Err(ReadError::Damaged.into());
+    }
+    let Some(head) = receive_bytes(&mut stream.from, offer.bytes).await else {
+        return overtaken().await;
+    };
+    let id = PieceId(offer.id);
+    let read = blocking(move || match PieceId::of(&head) == id {
+        true => WorldHead::read(&head),
+        false => Err(ReadError::Damaged),
+    });
+    Ok((Arc::new(PieceTraffic::new(read.await?, id)), stream))
+}
+
+/// The server ended the stream. If it is because it offers another world, that offer follows.
+async fn overtaken<T>() -> Result<T, ConnectError> {
+    sleep(CHUNK_DEADLINE).await;
+    Err(ConnectError::Lost("the head of the world did not arrive".to_owned()))
+}
+
+/// The number and the length of the next piece; `None` when the stream ends. It may be a long time
+/// until one is asked for.
+async fn receive_before(from: &mut RecvStream) -> Option<(u32, u32)> {
+    let mut before = [0; BEFORE_PIECE_BYTES];
+    from.read_exact(&mut before).await.ok()?;
+    Some(read_before_piece(before))
+}
+
+/// So many bytes; `None` when the stream ends before, or stops. Memory grows with what arrives.
+async fn receive_bytes(from: &mut RecvStream, bytes: u32) -> Option<Vec<u8>> {
+    let all = bytes as usize;
+    let mut received = Vec::new();
+    while received.len() < all {
+        let chunk = timeout(CHUNK_DEADLINE, from.read_chunk(all - received.len(), true));
+        received.extend_from_slice(&chunk.await.ok()?.ok()??.bytes);
+    }
+    Some(received)
+}
+
+#[cfg(test)]
+mod tests {
+    use sightline_fixtures::voxel_floor;
+    use sightline_visibility::streaming::pieces_of;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn what_has_not_come_is_asked_for_again_on_the_next_stream() {
+        let cut = pieces_of(&voxel_floor::world(&[]));
+        let id = PieceId::of(&cut.head);
+        let traffic = PieceTraffic::new(WorldHead::read(&cut.head).unwrap(), id);
+        assert!(traffic.is_of(&HeadOffer { id: id.0, bytes: 0 }));
+        assert!(traffic.take_head().is_some() && traffic.take_head().is_none());
+        traffic.ask(&[3, 1, 900]);
+        assert_eq!(traffic.next_numbers().await, [3, 1]);
+        traffic.ask(&[2]);
+        assert_eq!(traffic.expected(3), Some(cut.pieces[3].len() as u32));
+        assert_eq!((traffic.expected(2), traffic.expected(0)), (None, None), "not asked for here");
+        assert_eq!(traffic.next_numbers().await, [2]);
+        assert!(traffic.arrive(3, cut.pieces[2].clone()).is_err(), "another piece");
+        traffic.arrive(3, cut.pieces[3].clone()).unwrap();
+        assert_eq!(traffic.take_arrived(), [(3, cut.pieces[3].clone())]);
+        traffic.begin();
+        assert_eq!(traffic.next_numbers().await, [1, 2]);
+        assert!(traffic.take_arrived().is_empty());
+    }
+}
