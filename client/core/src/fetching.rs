@@ -2,9 +2,9 @@
 //!
 //! What surrounds the body comes first: it can move only where all voxels are there. Then come the
 //! branches that the picture shows, coarse grades before fine ones and near branches before far
-//! ones. Nothing else is fetched before a picture was sharp. Then comes what may be seen from where the eye is, for when it turns; what may be seen from
-//! where it is going; and the rest, if it is wanted. Of what is far away, grades with voxels smaller
-//! than a pixel wait with the rest.
+//! ones. Nothing else is fetched before a picture was sharp. Then comes what may be seen from where
+//! the eye is, for when it turns; what may be seen from where it is going; and the rest, if it is
+//! wanted. Of what is far away, grades with voxels smaller than a pixel wait with the rest.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -7,7 +7,7 @@ use super::{Frame, text};
 
 /// Walls are what is solid at these heights above the soles, in metres.
 const WALL_M: [f32; 2] = [1.0, 1.6];
-/// A floor is at most so far above and below the soles, in metres.
+/// A floor is at most this far above and below the soles, in metres.
 const FLOOR_M: f32 = 0.9;
 /// A plan serves while the soles are no farther than this above or below its storey, in metres.
 const STOREY_M: f32 = 1.2;

@@ -15,7 +15,7 @@ use sightline_world::{
     tolerance::TOUCH_M,
 };
 
-/// Nodes of so many levels count as filled: far away, they are drawn as a whole.
+/// Nodes of this number of levels count as filled: far away, they are drawn as a whole.
 const DRAWN_LEVELS: u8 = 2;
 
 /// Cuts a world into pieces.

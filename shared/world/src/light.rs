@@ -15,7 +15,7 @@ pub const GAMMA: f32 = 1.0 / 2.2;
 const SHOULDER: f32 = 0.6;
 /// … and more light never exceeds this.
 const BRIGHTEST: f32 = 1.15;
-/// So many levels of a probe double its light.
+/// A probe's light doubles with this number of levels.
 const LEVELS_PER_STOP: f32 = 16.0;
 /// The light on a side of a mover is that of a place this far away, in metres.
 const BESIDE_M: f32 = 0.25;

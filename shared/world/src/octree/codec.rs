@@ -165,7 +165,7 @@ impl<'a> PackedPlane<'a> {
         Unpacker::new(packed).map(Self).map_err(|_| OctreeError::Length)
     }
 
-    /// All bytes, at most so many. Memory is taken as they are unpacked.
+    /// All bytes, up to the most. Memory is taken as they are unpacked.
     pub(super) fn up_to(mut self, most: usize) -> Result<Vec<u8>, OctreeError> {
         let mut values = Vec::new();
         let mut limited = self.0.by_ref().take(most as u64);

@@ -31,7 +31,7 @@ pub(super) fn flags(inner: &[InnerNode], index: usize, bottom: usize) -> u8 {
     })
 }
 
-/// Like [`flags`], for a node that is so many levels above the leaves.
+/// Like [`flags`], for a node that is this number of levels above the leaves.
 pub(super) fn flags_at(inner: &[InnerNode], index: usize, levels: impl FnOnce() -> u32) -> u8 {
     let node = inner[index];
     let layer = LOWER.iter().position(|&lower| node.mask == lower || node.mask == !lower);

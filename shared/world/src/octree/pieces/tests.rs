@@ -96,7 +96,7 @@ proptest! {
         let tree = partial.octree();
         prop_assert!(stands_for(whole.root(), tree.root(), 0));
         for branch in 0..count {
-            let bounds = partial.bounds_of(branch).expect("there are so many");
+            let bounds = partial.bounds_of(branch).expect("it is less than the count");
             let middle = inside(bounds);
             prop_assert_eq!(partial.branch_at(bounds.centre()), Some(branch));
             let complete = partial.grades_of(branch) == partial.grades();
