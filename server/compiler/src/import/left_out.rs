@@ -2,8 +2,8 @@
 
 use wildmatch::WildMatch;
 
-/// Patterns of names of nodes that are left out, with all below them. `*` stands for any letters and
-/// `?` for one; upper and lower case are the same.
+/// Patterns of names of nodes that are left out, with all below them. `*` stands for any letters
+/// and `?` for one; upper and lower case are the same.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LeftOut {
     /// Nodes that are not wanted.

@@ -74,8 +74,8 @@ pub(crate) fn linear(byte: u8) -> f32 {
     if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The most bytes of a decoded texture for each byte of its file. A surface of one colour compresses
-/// to a part in a thousand.
+/// The most bytes of a decoded texture for each byte of its file. A surface of one colour
+/// compresses to a part in a thousand.
 const TEXTURE_RATIO_MAX: usize = 1_100;
 /// A decoded texture of up to this number of bytes is always allowed.
 const TEXTURE_BYTES_FREE: usize = 16 << 20;

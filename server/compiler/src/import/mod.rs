@@ -80,8 +80,8 @@ pub fn read(path: &Path, pk3s: &[PathBuf]) -> Result<Model, ReadError> {
     read_placed(path, pk3s, &Placing::default(), &LeftOut::default())
 }
 
-/// Reads a building, as [`read`] does, places it in the world, and leaves nodes out. Quake maps tell
-/// their own unit and stay where they are, and they have no named nodes.
+/// Reads a building, as [`read`] does, places it in the world, and leaves nodes out. Quake maps
+/// tell their own unit and stay where they are, and they have no named nodes.
 pub fn read_placed(
     path: &Path,
     pk3s: &[PathBuf],

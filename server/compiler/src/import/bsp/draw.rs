@@ -201,7 +201,7 @@ fn triangles(map: &Map<'_>, face: &Face) -> Result<Vec<[Vertex; 3]>, BspError> {
     }
     match face.kind {
         FaceKind::Billboard => Ok(Vec::new()),
-        FaceKind::Patch { width, height } => Ok(patch(vertices, width, height)),
+        FaceKind::Patch { width, height } => patch(vertices, width, height),
         FaceKind::Triangles => {
             let corner = |&offset: &u32| vertices.get(offset as usize).copied();
             let corners: Option<Vec<Vertex>> =
@@ -214,7 +214,7 @@ fn triangles(map: &Map<'_>, face: &Face) -> Result<Vec<[Vertex; 3]>, BspError> {
 
 /// Tessellates a grid of control points. Each three by three of them, with shared edges, make a
 /// biquadratic Bézier surface.
-fn patch(control: &[Vertex], width: usize, height: usize) -> Vec<[Vertex; 3]> {
+fn patch(control: &[Vertex], width: usize, height: usize) -> Result<Vec<[Vertex; 3]>, BspError> {
     let at = |x: usize, y: usize| control[y * width + x];
     let rows = (0..height)
         .flat_map(|y| (0..width - 2).step_by(2).map(move |x| [(x, y), (x + 1, y), (x + 2, y)]));
@@ -230,6 +230,10 @@ fn patch(control: &[Vertex], width: usize, height: usize) -> Vec<[Vertex; 3]> {
     // First along the rows of control points, then down the columns that result.
     let fine_width = (width - 1) / 2 * across + 1;
     let fine_height = (height - 1) / 2 * down + 1;
+    let count = (2 * (fine_width - 1)).saturating_mul(fine_height - 1);
+    if count > TRIANGLES_MAX {
+        return Err(BspError::TooMany("triangles"));
+    }
     let mut coarse = Vec::with_capacity(fine_width * height);
     for y in 0..height {
         coarse.extend((0..fine_width).map(|i| curve(|k| at(k, y), width, across, i)));
@@ -239,7 +243,7 @@ fn patch(control: &[Vertex], width: usize, height: usize) -> Vec<[Vertex; 3]> {
         let column = |x: usize| curve(|k| coarse[k * fine_width + x], height, down, j);
         fine.extend((0..fine_width).map(column));
     }
-    let mut triangles = Vec::with_capacity(2 * (fine_width - 1) * (fine_height - 1));
+    let mut triangles = Vec::with_capacity(count);
     for y in 0..fine_height - 1 {
         for x in 0..fine_width - 1 {
             let corner = |dx: usize, dy: usize| fine[(y + dy) * fine_width + x + dx];
@@ -247,7 +251,7 @@ fn patch(control: &[Vertex], width: usize, height: usize) -> Vec<[Vertex; 3]> {
             triangles.push([corner(1, 0), corner(1, 1), corner(0, 1)]);
         }
     }
-    triangles
+    Ok(triangles)
 }
 
 /// The number of straight pieces for curves whose control points bend this far.
@@ -281,5 +285,23 @@ fn between(a: &Vertex, b: &Vertex, t: f32) -> Vertex {
         texture: a.texture.lerp(b.texture, t),
         lightmap: a.lightmap.lerp(b.lightmap, t),
         colour: [colour(0), colour(1), colour(2)],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_patch_of_too_many_triangles_is_refused_before_they_are_made() {
+        let side = 257;
+        let bent = |at: usize| Vertex {
+            position: Vec3::new(0.0, 0.0, if at.is_multiple_of(2) { 0.0 } else { 9.0e4 }),
+            ..Vertex::default()
+        };
+        let control: Vec<Vertex> = (0..side * side).map(bent).collect();
+        let error = patch(&control, side, side).map(|triangles| triangles.len());
+        assert!(matches!(error, Err(BspError::TooMany("triangles"))), "{error:?}");
+        assert_eq!(patch(&control, 3, 3).unwrap().len(), 2 * SEGMENTS_MAX * SEGMENTS_MAX);
     }
 }

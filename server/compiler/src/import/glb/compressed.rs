@@ -31,9 +31,21 @@ pub(super) fn is_fallback(buffer: &gltf::Buffer<'_>) -> bool {
 }
 
 /// The bytes of each view that is compressed, by its index. Views that cannot be decompressed have
-/// none, and what needs them is left out.
-pub(super) fn decompressed(document: &Document, buffers: &[Vec<u8>]) -> Vec<Option<Vec<u8>>> {
-    let read = |view: View<'_>| Compressed::of(&view).map(|c| c.bytes(buffers).unwrap_or_default());
+/// none, and what needs them is left out. What is decompressed is taken from the bytes that are
+/// `left`. None when they do not suffice.
+pub(super) fn decompressed(
+    document: &Document,
+    buffers: &[Vec<u8>],
+    mut left: usize,
+) -> Option<Vec<Option<Vec<u8>>>> {
+    let read = |view: View<'_>| {
+        let Some(compressed) = Compressed::of(&view) else { return Some(None) };
+        let Some((source, size)) = compressed.source(buffers) else {
+            return Some(Some(Vec::new()));
+        };
+        left = left.checked_sub(size)?;
+        Some(Some(compressed.bytes(source).unwrap_or_default()))
+    };
     document.views().map(read).collect()
 }
 
@@ -55,14 +67,17 @@ impl<'a> Compressed<'a> {
         })
     }
 
-    /// The bytes, decompressed. `None` when they are invalid.
-    fn bytes(&self, buffers: &[Vec<u8>]) -> Option<Vec<u8>> {
+    /// The compressed bytes, and how many they become. `None` when that cannot be.
+    fn source<'b>(&self, buffers: &'b [Vec<u8>]) -> Option<(&'b [u8], usize)> {
         let end = self.offset.checked_add(self.length)?;
         let source = buffers.get(self.buffer)?.get(self.offset..end)?;
         let size = self.stride.checked_mul(self.count)?;
-        if size > source.len().checked_mul(RATIO_MAX)? || self.stride > STRIDE_MAX {
-            return None;
-        }
+        let is_likely = size <= source.len().checked_mul(RATIO_MAX)? && self.stride <= STRIDE_MAX;
+        is_likely.then_some((source, size))
+    }
+
+    /// The bytes, decompressed. `None` when they are invalid.
+    fn bytes(&self, source: &[u8]) -> Option<Vec<u8>> {
         match self.mode {
             "ATTRIBUTES" => self.attributes(source),
             "TRIANGLES" if self.count.is_multiple_of(3) => {

@@ -16,6 +16,9 @@ pub(super) const TRIANGLES_MAX: usize = 8 << 20;
 /// The most nodes, instances counted one by one.
 pub(super) const NODES_MAX: usize = 1 << 20;
 
+/// The most primitives that nodes place, with each copy counted.
+pub(super) const PLACED_MAX: usize = 4 << 20;
+
 /// The most ancestors of a node.
 pub(super) const DEPTH_MAX: usize = 256;
 

@@ -5,8 +5,8 @@ use gltf::{Accessor, Document, Node};
 
 use super::{accessor, error::GlbError, resources::Resources};
 
-/// The places of the copies of a node's mesh, relative to the node. One for a node without the
-/// extension.
+/// The places of the copies of a node's mesh, relative to the node, one by one. One for a node
+/// without the extension.
 ///
 /// # Errors
 /// When an attribute refers to no accessor, or cannot be read.
@@ -14,12 +14,11 @@ pub(super) fn places(
     node: &Node<'_>,
     document: &Document,
     resources: &Resources,
-) -> Result<Vec<DMat4>, GlbError> {
-    let Some(extension) = node.extension_value("EXT_mesh_gpu_instancing") else {
-        return Ok(vec![DMat4::IDENTITY]);
-    };
+) -> Result<impl Iterator<Item = DMat4> + use<>, GlbError> {
+    let attributes =
+        node.extension_value("EXT_mesh_gpu_instancing").and_then(|value| value.get("attributes"));
     let attribute = |name: &str| -> Result<Option<Accessor<'_>>, GlbError> {
-        let index = extension.get("attributes").and_then(|all| all.get(name)?.as_u64());
+        let index = attributes.and_then(|all| all.get(name)?.as_u64());
         let Some(index) = index.and_then(|index| usize::try_from(index).ok()) else {
             return Ok(None);
         };
@@ -38,10 +37,10 @@ pub(super) fn places(
         turned.as_ref().map(Vec::len),
     ];
     let count = lengths.into_iter().flatten().min().unwrap_or(1);
-    let vector = |all: &Option<Vec<[f32; 3]>>, i: usize, otherwise| {
+    let vector = |all: &Option<Vec<[f32; 3]>>, i: usize, otherwise: DVec3| {
         all.as_ref().map_or(otherwise, |all| DVec3::from(all[i].map(f64::from)))
     };
-    let place = |i: usize| {
+    let place = move |i: usize| {
         let turn = turned.as_ref().map_or(DQuat::IDENTITY, |all| {
             let turn = DQuat::from_array(all[i].map(f64::from));
             if turn.length_squared() > 1e-6 { turn.normalize() } else { DQuat::IDENTITY }
@@ -49,5 +48,5 @@ pub(super) fn places(
         let (scale, at) = (vector(&scaled, i, DVec3::ONE), vector(&moved, i, DVec3::ZERO));
         DMat4::from_scale_rotation_translation(scale, turn, at)
     };
-    Ok((0..count).map(place).collect())
+    Ok((0..count).map(place))
 }

@@ -111,16 +111,11 @@ fn emission(
     if factor == [0.0; 3] || !(strength > 0.0 && strength.is_finite()) {
         return [0.0; 3];
     }
-    let texture = material.emissive_texture().and_then(|info| {
+    let mean = material.emissive_texture().and_then(|info| {
         let image = document.textures().nth(info.texture().index())?.source().index();
-        resources.image(document, image, warnings)
+        resources.mean(document, image, warnings)
     });
-    let mean = texture.map_or([1.0; 3], |texture| {
-        let sum = texture.pixels().iter().fold([0.0f64; 3], |sum, pixel| {
-            [0, 1, 2].map(|i| sum[i] + f64::from(limits::linear(pixel[i])))
-        });
-        sum.map(|channel| (channel / texture.pixels().len().max(1) as f64) as f32)
-    });
+    let mean = mean.unwrap_or([1.0; 3]);
     let brightest = limits::EMISSION_MAX;
     [0, 1, 2].map(|i| (factor[i].max(0.0) * mean[i] * strength).min(brightest))
 }

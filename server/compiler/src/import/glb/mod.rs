@@ -7,7 +7,8 @@
 //!
 //! * `document` parses and checks, with the extensions of `extensions`.
 //! * `survey` and `placing` see how large the model is, and place it in the world.
-//! * `resources` has buffers and images, and `compressed` views; `accessor` takes numbers from them.
+//! * `resources` has buffers and images, and `compressed` views; `accessor` takes numbers from
+//!   them.
 //! * `sky` finds what encloses everything.
 //! * `scene` walks the nodes: their `names`, `material`s, `instances` and `animation`.
 

@@ -2,6 +2,7 @@
 
 use std::{
     borrow::Cow,
+    collections::HashMap,
     path::{Component, Path, PathBuf},
     sync::Arc,
 };
@@ -25,6 +26,8 @@ pub(super) struct Resources {
     decompressed: Vec<Option<Vec<u8>>>,
     folder: Option<PathBuf>,
     images: Vec<Option<Option<Arc<Picture>>>>,
+    /// The mean colours of images, by their indices, as far as they were needed.
+    means: HashMap<usize, [f32; 3]>,
     texture_bytes_left: usize,
 }
 
@@ -54,12 +57,14 @@ impl Resources {
             left = left.checked_sub(bytes.len()).ok_or(GlbError::TooMany("bytes in buffers"))?;
             buffers.push(bytes);
         }
-        let decompressed = compressed::decompressed(document, &buffers);
+        let decompressed = compressed::decompressed(document, &buffers, left)
+            .ok_or(GlbError::TooMany("bytes in compressed views"))?;
         Ok(Self {
             buffers,
             decompressed,
             folder: folder.map(Path::to_owned),
             images: vec![None; document.images().len()],
+            means: HashMap::new(),
             texture_bytes_left: TEXTURE_BYTES_MAX,
         })
     }
@@ -97,6 +102,25 @@ impl Resources {
             *slot = Some(loaded.clone());
         }
         loaded
+    }
+
+    /// The mean linear colour of an image, found once. `None` for one that cannot be read.
+    pub(super) fn mean(
+        &mut self,
+        document: &Document,
+        index: usize,
+        warnings: &mut Vec<String>,
+    ) -> Option<[f32; 3]> {
+        if let Some(mean) = self.means.get(&index) {
+            return Some(*mean);
+        }
+        let image = self.image(document, index, warnings)?;
+        let sum = image.pixels().iter().fold([0.0f64; 3], |sum, pixel| {
+            [0, 1, 2].map(|i| sum[i] + f64::from(limits::linear(pixel[i])))
+        });
+        let mean = sum.map(|channel| (channel / image.pixels().len().max(1) as f64) as f32);
+        self.means.insert(index, mean);
+        Some(mean)
     }
 
     fn load_image(&mut self, document: &Document, index: usize) -> Result<Picture, String> {

@@ -11,7 +11,7 @@ use sightline_world::{Spawn, geometry::Aabb, motion::Body};
 
 use super::{
     animation::{Animations, Chain},
-    error::{DEPTH_MAX, GlbError, NODES_MAX},
+    error::{DEPTH_MAX, GlbError, NODES_MAX, PLACED_MAX},
     instances,
     material::Materials,
     names::{self, Purpose},
@@ -44,6 +44,10 @@ pub(super) struct Reader<'a> {
     left_out: PatternCounts,
     /// How many meshes are mirrored by their nodes.
     mirrored: usize,
+    /// How many primitives are left out because they are points or lines.
+    lines: usize,
+    /// How many primitives have been placed, each copy for itself.
+    placed: usize,
     vertices: usize,
     triangles: usize,
     animations: Animations,
@@ -110,6 +114,8 @@ impl<'a> Reader<'a> {
             first_fault: None,
             left_out,
             mirrored: 0,
+            lines: 0,
+            placed: 0,
             vertices: 0,
             triangles: 0,
             animations: Animations::default(),
@@ -170,10 +176,12 @@ impl<'a> Reader<'a> {
         let warnings = &mut self.model.warnings;
         self.materials.warn(warnings);
         self.left_out.warn(warnings);
-        if self.mirrored > 0 {
-            let count = self.mirrored;
-            warnings.push(format!("{count} meshes are mirrored by their nodes; writing is too"));
-        }
+        let counts = [
+            (self.mirrored, "meshes are mirrored by their nodes; writing is too"),
+            (self.lines, "primitives are left out: they are points or lines, not triangles"),
+        ];
+        let told = counts.iter().filter(|(count, _)| *count > 0);
+        warnings.extend(told.map(|(count, what)| format!("{count} {what}")));
         let Some(first) = self.first_fault.take() else { return Ok(()) };
         let is_empty = self.model.surfaces.is_empty() && self.model.opaque.is_empty();
         if is_empty && self.model.movers.is_empty() {
@@ -271,10 +279,14 @@ impl<'a> Reader<'a> {
         // What a marker looks like in an editor is not part of the building.
         let Some(mesh) = node.mesh().filter(|_| !is_marker && !is_hidden) else { return Ok(()) };
         let places = instances::places(node, self.document, &self.resources);
-        for instance in self.tolerate(places)?.unwrap_or_default() {
+        for instance in self.tolerate(places)?.into_iter().flatten() {
             let place = *setting.place * instance;
             self.mirrored += usize::from(place.determinant() < 0.0);
             for primitive in mesh.primitives() {
+                self.placed += 1;
+                if self.placed > PLACED_MAX {
+                    return Err(GlbError::TooMany("copies of meshes"));
+                }
                 let part = self.primitive(mesh.index(), &primitive, &place);
                 if let Some(Some(part)) = self.tolerate(part)? {
                     self.add(part, setting);

@@ -33,9 +33,8 @@ pub(super) fn leave_out_of_sight(model: &mut Model) {
         .map(|(_, bounds)| *bounds)
         .collect();
     let mut sky: HashSet<[[u32; 3]; 3]> = HashSet::new();
-    for (index, surface) in model.surfaces.iter().enumerate() {
-        let others = bounds.iter().enumerate().filter(|(other, _)| *other != index);
-        let rest = others.fold(Aabb::EMPTY, |all, (_, bounds)| all.union(bounds));
+    let rests = bounds_of_others(&bounds);
+    for (index, (surface, rest)) in model.surfaces.iter().zip(rests).enumerate() {
         let is_named = named.contains(&bounds[index]);
         let is_sky = || is_named || is_domed(surface) || is_closed_box(surface, &bounds[index]);
         if encloses(&bounds[index], &rest) && is_sky() {
@@ -50,6 +49,22 @@ pub(super) fn leave_out_of_sight(model: &mut Model) {
             "{left_out} triangles enclose everything: they count as sky and hide nobody"
         ));
     }
+}
+
+/// For each box, the box around all others.
+fn bounds_of_others(all: &[Aabb]) -> Vec<Aabb> {
+    let mut rests = Vec::with_capacity(all.len());
+    let mut before = Aabb::EMPTY;
+    for bounds in all {
+        rests.push(before);
+        before = before.union(bounds);
+    }
+    let mut after = Aabb::EMPTY;
+    for (rest, bounds) in rests.iter_mut().zip(all).rev() {
+        *rest = rest.union(&after);
+        after = after.union(bounds);
+    }
+    rests
 }
 
 /// Whether one box is far around another.
@@ -80,8 +95,8 @@ fn is_domed(surface: &Surface) -> bool {
     tilted > DOMED_SHARE * all
 }
 
-/// Whether a surface is a box without openings, but perhaps without a bottom. A building is none: it
-/// has doors.
+/// Whether a surface is a box without openings, but perhaps without a bottom. A building is none:
+/// it has doors.
 fn is_closed_box(surface: &Surface, bounds: &Aabb) -> bool {
     let size = bounds.size();
     let mut covered = [[0.0; 2]; 3];
@@ -106,4 +121,27 @@ fn is_closed_box(surface: &Surface, bounds: &Aabb) -> bool {
 
 fn key(corners: &[Vec3; 3]) -> [[u32; 3]; 3] {
     corners.map(|corner| corner.to_array().map(f32::to_bits))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bounds_of_others_are_those_of_all_but_one() {
+        let boxes: Vec<Aabb> = (0..6)
+            .map(|i| {
+                let low = Vec3::new((i * 5 % 6) as f32, (i * i % 7) as f32, -(i as f32));
+                Aabb::new(low, low + Vec3::splat(1.0 + i as f32))
+            })
+            .collect();
+        for count in 0..boxes.len() {
+            let boxes = &boxes[..count];
+            let naive = (0..count).map(|one| {
+                let others = boxes.iter().enumerate().filter(|(other, _)| *other != one);
+                others.fold(Aabb::EMPTY, |all, (_, bounds)| all.union(bounds))
+            });
+            assert_eq!(bounds_of_others(boxes), naive.collect::<Vec<_>>());
+        }
+    }
 }

@@ -18,7 +18,8 @@ const NAMED_CANDELA: f32 = 64.0;
 const INTENSITY_MAX: f64 = 1.0e8;
 
 impl<'a> Reader<'a> {
-    /// Adds the lamp of a node, if it has one. Lamps that move are left out, as movers give no light.
+    /// Adds the lamp of a node, if it has one. Lamps that move are left out, as movers give no
+    /// light.
     pub(super) fn lamp(&mut self, node: &Node<'a>, setting: &Setting<'_>) {
         let by_extension = node
             .extension_value("KHR_lights_punctual")

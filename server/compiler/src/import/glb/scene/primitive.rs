@@ -26,14 +26,10 @@ impl<'a> Reader<'a> {
     ) -> Result<Option<Part>, GlbError> {
         let mode = primitive.mode();
         if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
-            let warning = format!("mesh {mesh}: {mode:?} left out, not triangles");
-            self.model.warnings.push(warning);
+            self.lines += 1;
             return Ok(None);
         }
-        let Some(positions) = primitive.get(&Semantic::Positions) else {
-            self.model.warnings.push(format!("mesh {mesh}: a primitive without positions"));
-            return Ok(None);
-        };
+        let Some(positions) = primitive.get(&Semantic::Positions) else { return Ok(None) };
         self.vertices += positions.count();
         if self.vertices > VERTICES_MAX {
             return Err(GlbError::TooMany("vertices"));

@@ -157,6 +157,58 @@ fn compressed_views_are_decompressed_and_hostile_ones_are_left_out() {
 }
 
 #[test]
+fn compressed_views_that_share_their_bytes_are_bounded_together() {
+    let zeros = vec![[0u32; 16]; 1 << 14];
+    let packed = meshopt::encode_vertex_buffer(&zeros).unwrap();
+    let mut draft = GlbDraft::square();
+    let view = draft.view(&packed);
+    let place = draft.root["bufferViews"][view].clone();
+    let extension = json!({
+        "buffer": 0, "byteOffset": place["byteOffset"], "byteLength": packed.len(),
+        "mode": "ATTRIBUTES", "byteStride": 64, "count": zeros.len(),
+    });
+    // Each becomes 1 MiB.
+    for _ in 0..1 << 10 {
+        draft.list(
+            "bufferViews",
+            json!({
+                "buffer": 0, "byteLength": packed.len(),
+                "extensions": { "EXT_meshopt_compression": extension },
+            }),
+        );
+    }
+    assert!(read_error(&draft).contains("too many bytes in compressed views"));
+}
+
+#[test]
+fn points_and_lines_are_left_out_and_counted() {
+    let mut draft = GlbDraft::square();
+    for mode in [0, 1, 3] {
+        draft.primitive(json!({ "attributes": { "POSITION": 0 }, "mode": mode }));
+    }
+    let model = read_model(&draft);
+    assert_eq!(model.opaque.len(), 2);
+    let [lines] = &model.warnings[..] else { panic!("{:?}", model.warnings) };
+    assert!(lines.starts_with("3 primitives are left out: they are points or lines"), "{lines}");
+}
+
+#[test]
+fn nodes_that_name_their_children_twice_place_a_bounded_number_of_primitives() {
+    let mut draft = GlbDraft::square();
+    for _ in 0..15 {
+        draft.primitive(json!({ "attributes": { "POSITION": 0 }, "mode": 0 }));
+    }
+    let last = 19;
+    let nodes: Vec<Value> = (0..last)
+        .map(|at| json!({ "mesh": 0, "children": [at + 1, at + 1] }))
+        .chain([json!({ "mesh": 0 })])
+        .collect();
+    draft.root["nodes"] = json!(nodes);
+    draft.root["scenes"] = json!([{ "nodes": [0] }]);
+    assert!(read_error(&draft).contains("too many copies of meshes"));
+}
+
+#[test]
 fn a_few_bytes_cannot_ask_for_much_memory() {
     let mut draft = GlbDraft::square();
     let indices = draft.view(&[0; 4]);
