@@ -29,12 +29,14 @@ pub struct Outbound {
     encoder: PoseEncoder,
     /// Whether the client's turn is at odd ticks, where it gets datagrams at every second tick.
     is_odd: bool,
+    /// The tick of the last call of [`has_poses`](Self::has_poses).
+    last_tick: u32,
 }
 
 impl Outbound {
     /// The output for a client of an engine with this time from tick to tick.
     pub fn new(to: AvatarId, interval: Duration) -> Self {
-        Self { encoder: PoseEncoder::new(interval), is_odd: to.0 % 2 == 1 }
+        Self { encoder: PoseEncoder::new(interval), is_odd: to.0 % 2 == 1, last_tick: 0 }
     }
 
     /// Takes in an output of the engine at the server's time `now`. Returns the control message for
@@ -76,8 +78,12 @@ impl Outbound {
 
     /// Whether there may be a datagram to send at a tick. Call it at every tick.
     pub fn has_poses(&mut self, tick: u32) -> bool {
+        // A server that cannot keep up skips numbers of ticks. They may then all be odd, or all even.
+        let is_after_skipped = tick.saturating_sub(self.last_tick) > 1;
+        self.last_tick = tick;
         let is_turn = self.encoder.told_len() < CROWD
             || self.encoder.waiting_len() >= MANY_WAITING
+            || is_after_skipped
             || (tick % 2 == 1) == self.is_odd;
         is_turn && self.encoder.has_due(tick)
     }
@@ -165,6 +171,36 @@ mod tests {
         assert_eq!(message, Some(ServerMessage::Vanish { avatar: AvatarId(2) }));
         let datagram = outbound.encode_poses(1);
         assert_eq!((decoded(&datagram, 2), decoded(&datagram, 3)), (None, Some(1.0)));
+    }
+
+    /// The ticks, of some in a row, at which a client in a crowd gets a datagram. There is news of
+    /// one avatar at each.
+    fn ticks_with_poses(to: AvatarId, ticks: impl Iterator<Item = u32>) -> Vec<u32> {
+        let mut outbound = Outbound::new(to, TICK);
+        let crowd: Vec<(u32, f32)> = (10..10 + CROWD as u32).map(|id| (id, 1.0)).collect();
+        outbound.convert(&poses(&crowd), NOW);
+        outbound.encode_poses(0);
+        let sends = |tick: &u32| {
+            outbound.convert(&poses(&[(10, 1.0 + *tick as f32)]), NOW);
+            outbound.has_poses(*tick) && outbound.encode_poses(*tick).is_some()
+        };
+        ticks.filter(sends).collect()
+    }
+
+    #[test]
+    fn a_client_in_a_crowd_has_its_turn_at_every_second_tick() {
+        assert_eq!(ticks_with_poses(AvatarId(1), 1..7), [1, 3, 5]);
+        assert_eq!(ticks_with_poses(AvatarId(2), 1..7), [2, 4, 6]);
+    }
+
+    #[test]
+    fn a_client_in_a_crowd_has_its_turn_although_ticks_are_skipped() {
+        for to in [1, 2].map(AvatarId) {
+            for step in [2, 4] {
+                let ticks: Vec<u32> = (step..40).step_by(step as usize).collect();
+                assert_eq!(ticks_with_poses(to, ticks.iter().copied()), ticks, "{to:?}, {step}");
+            }
+        }
     }
 
     #[test]
