@@ -66,8 +66,8 @@ pub(super) struct Piece {
 }
 
 impl Lattice {
-    /// The points around each place of some triangles. None when that is too wasteful: the triangles
-    /// lie far apart.
+    /// The points around each place of some triangles. None when that is too wasteful: the
+    /// triangles lie far apart.
     pub(super) fn around(pieces: &[Piece]) -> Option<Self> {
         let mut rows: Vec<Row> = Vec::new();
         let ends = |pick: fn(f32, f32) -> f32| {
@@ -102,6 +102,12 @@ impl Lattice {
         let row = &self.rows[(row - self.lowest).clamp(0, last) as usize];
         let (first, last) = (*row.columns.start(), *row.columns.end());
         row.start + (column.clamp(first, last.max(first)) - first) as usize
+    }
+
+    /// The number of columns in the longest row, and the number of rows.
+    pub(super) fn size(&self) -> [usize; 2] {
+        let columns = self.rows.iter().map(|row| row.columns.clone().count()).max();
+        [columns.unwrap_or(0), self.rows.len()]
     }
 
     /// Each point with its column and row, in the order of their indices.

@@ -1,7 +1,7 @@
 //! Light for models that bring none: [`radiosity`], or ambient light.
 //!
-//! *Ambient light* is ambient occlusion and one soft lamp, which make corners, edges and objects on a
-//! floor visible. Radiosity begins with its patches and points.
+//! *Ambient light* is ambient occlusion and one soft lamp, which make corners, edges and objects on
+//! a floor visible. Radiosity begins with its patches and points.
 //!
 //! Triangles in one plane make patches. Light is found at the points of a lattice on each patch.
 //! From each point, rays go out over the side that the patch shows. Surfaces that they meet nearby

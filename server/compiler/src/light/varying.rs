@@ -43,8 +43,8 @@ pub(super) struct LatticePoints {
     pub(super) is_clear: Vec<u8>,
 }
 
-/// Light inside a square between four points: at the corners of `across` × `across` smaller squares,
-/// row by row.
+/// Light inside a square between four points: at the corners of `across` × `across` smaller
+/// squares, row by row.
 pub(super) struct FineSquare {
     pub(super) across: usize,
     pub(super) light: Vec<Vec3>,
@@ -94,6 +94,11 @@ impl Varying {
     /// The column and the row of each point, in the order of their indices.
     pub(super) fn places(&self) -> impl Iterator<Item = (i32, i32)> {
         self.lattice.points()
+    }
+
+    /// The number of columns in the longest row, and the number of rows.
+    pub(super) fn size(&self) -> [usize; 2] {
+        self.lattice.size()
     }
 
     /// The next point in the row of a point when nothing lies between them.

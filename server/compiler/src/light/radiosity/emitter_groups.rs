@@ -32,7 +32,8 @@ struct Group {
     power: f32,
     /// A surface with the light, the place and the direction of all, in the mean.
     mean: AreaEmitter,
-    /// The strongest member. The mean may lie in a wall, so a point sees the group where it sees this.
+    /// The strongest member. The mean may lie in a wall, so a point sees the group where it sees
+    /// this.
     strongest: AreaEmitter,
     /// None for a single member.
     halves: Option<[usize; 2]>,
@@ -200,8 +201,8 @@ mod tests {
         (0..count).map(|_| lamp()).collect()
     }
 
-    /// How far groups are off the light of their members, as a share of it, and the most groups that
-    /// a point takes.
+    /// How far groups are off the light of their members, as a share of it, and the most groups
+    /// that a point takes.
     fn error(members: usize, groups_max: usize) -> (f32, usize) {
         let random = &mut SmallRng::seed_from_u64(1);
         let groups = EmitterGroups::new(lamps(members, random));

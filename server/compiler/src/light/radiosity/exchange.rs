@@ -10,8 +10,8 @@ use super::{
     sampling::{about, cosine_direction},
 };
 
-/// Light is passed on until less than this share of it is unshot. The rest gets everywhere, also into
-/// closed rooms, so it has to be too little to be seen.
+/// Light is passed on until less than this share of it is unshot. The rest gets everywhere, also
+/// into closed rooms, so it has to be too little to be seen.
 const UNSHOT: f64 = 1.0e-4;
 /// In each round, nodes shoot that have at least this share of the light of the brightest.
 const BRIGHT: f32 = 0.2;

@@ -3,9 +3,9 @@
 use arrayvec::ArrayVec;
 use glam::Vec3;
 
-/// The light at a point from a polygon of radiance 1, in front of the surface with this unit normal.
-/// Corners are relative to the point, and those of a triangle or a quadrilateral. Divided by π it is
-/// the form factor. It is negative when the corners go the other way around.
+/// The light at a point from a polygon of radiance 1, in front of the surface with this unit
+/// normal. Corners are relative to the point, and those of a triangle or a quadrilateral. Divided
+/// by π it is the form factor. It is negative when the corners go the other way around.
 pub(super) fn irradiance_of_polygon(corners: &[Vec3], normal: Vec3) -> f32 {
     let above = clipped(corners, normal);
     let count = above.len();

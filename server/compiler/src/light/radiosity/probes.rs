@@ -1,8 +1,8 @@
 //! Probes: the light on things that move, at points of a grid where something may move.
 //!
-//! A *seed* is a place in the open where light will be asked for: the middle of a body that stands on
-//! a floor, or a side of a mover. The points of the grid around a seed get a probe if the seed sees
-//! them. So there are none in walls, and none in the open air far above a floor.
+//! A *seed* is a place in the open where light will be asked for: the middle of a body that stands
+//! on a floor, or a side of a mover. The points of the grid around a seed get a probe if the seed
+//! sees them. So there are none in walls, and none in the open air far above a floor.
 
 use std::{
     collections::BTreeMap,

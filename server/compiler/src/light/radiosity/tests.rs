@@ -16,7 +16,8 @@ fn quad(a: Vec3, u: Vec3, v: Vec3) -> [[Vec3; 3]; 2] {
     [[a, a + u, a + u + v], [a, a + u + v, a + v]]
 }
 
-/// The six sides of a box, which face inwards: the floor, the ceiling, and the walls across z and x.
+/// The six sides of a box, which face inwards: the floor, the ceiling, and the walls across z and
+/// x.
 fn sides(low: Vec3, size: Vec3) -> [[[Vec3; 3]; 2]; 6] {
     let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| axis * size);
     [
