@@ -2,7 +2,7 @@
 //! on a triangle, and nothing shows through a triangle in front of it. The modes are also compared
 //! with each other.
 
-use std::{ops::ControlFlow, path::PathBuf, sync::Arc};
+use std::{ops::ControlFlow, sync::Arc};
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
@@ -15,6 +15,7 @@ use sightline_compiler::{
     model::Model,
     voxelise,
 };
+use sightline_fixtures::shared_files::{shared_file, some_of};
 use sightline_renderer::{
     Camera, Frame, Mode, Renderer,
     node_visibility::{NodeVisibility, VoxelOccluders},
@@ -160,16 +161,9 @@ fn the_demo_building_is_drawn_where_its_triangles_are() {
 
 #[test]
 fn real_maps_are_drawn_where_their_triangles_are() {
-    let beside = || concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared").into();
-    let folder = std::env::var_os("SIGHTLINE_SHARED").map_or_else(beside, PathBuf::from);
-    let maps = folder.join("maps");
-    if !maps.is_dir() {
-        println!("skipped: ../shared is absent");
-        return;
-    }
-    for name in ["aggressor", "delta", "oa_dm2", "oa_dm4"] {
-        let model = import::read(&maps.join(name).with_extension("bsp"), &[]).expect("a map");
-        check(name, &model, 0.1);
+    for name in some_of(&["aggressor", "delta", "oa_dm2", "oa_dm4"]) {
+        let Some(path) = shared_file(&format!("maps/{name}.bsp")) else { continue };
+        check(name, &import::read(&path, &[]).expect("a map"), 0.1);
     }
 }
 

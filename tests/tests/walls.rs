@@ -15,7 +15,7 @@ use sightline_client_core::{
     navigation::Navigation,
     walker::{MoveInput, Walker},
 };
-use sightline_compiler::{CompileOptions, compile, import::glb};
+use sightline_compiler::{CompileOptions, LightMethod, compile, import::glb};
 use sightline_engine::{Config, Engine, Input, Policy};
 use sightline_oracle::Oracle;
 use sightline_protocol::quantise::WirePose;
@@ -36,8 +36,12 @@ fn building() -> Arc<World> {
 fn office(rooms: usize, seed: u64) -> Arc<World> {
     let model =
         glb::read_slice(&sightline_demo_building::glb(rooms, seed), None, "office").unwrap();
-    let options =
-        CompileOptions { voxel: Some(0.05), cell: Some(3.0), ..CompileOptions::default() };
+    let options = CompileOptions {
+        voxel: Some(0.05),
+        cell: Some(3.0),
+        light: LightMethod::None,
+        ..CompileOptions::default()
+    };
     let go_on = |_, _| ControlFlow::Continue(());
     Arc::new(compile(&model, &options, &go_on).unwrap().0)
 }
@@ -70,9 +74,9 @@ fn wish(random: &mut SmallRng) -> MoveInput {
     }
 }
 
-/// A walk of half a minute with jumps and flights. Its reports are sometimes held up, for up to three
-/// seconds, and then come together. None may be refused. Returns the greatest distance from the
-/// start, in metres.
+/// A walk of half a minute with jumps and flights. Its reports are sometimes held up, for up to
+/// three seconds, and then come together. None may be refused. Returns the greatest distance from
+/// the start, in metres.
 fn walk(world: &Arc<World>, eye: Vec3, random: &mut SmallRng, name: &str) -> f32 {
     /// From this tick on the engine knows how long reports take that are not held up.
     const KNOWN_AFTER: u32 = 20;

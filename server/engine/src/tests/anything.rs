@@ -372,7 +372,7 @@ impl Outside {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(128))]
+    #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
     fn any_inputs_in_any_order_are_survived(

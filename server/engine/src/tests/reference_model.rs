@@ -386,7 +386,7 @@ fn apart(a: &Aabb, b: &Aabb) -> f32 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(16))]
+    #![proptest_config(ProptestConfig::with_cases(8))]
 
     #[test]
     fn interest_and_silence_are_those_of_the_reference_model(seed in any::<u64>()) {
