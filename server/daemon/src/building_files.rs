@@ -146,12 +146,15 @@ impl BuildingSource {
                 return Ok(vec![blake3::hash(bytes), blake3::hash(title.as_bytes())]);
             }
         };
-        let BuildingFiles { placing, left_out, spawns, relight, .. } = files;
+        let BuildingFiles { placing, left_out, spawns, relight, pk3, .. } = files;
         let name = files.model.file_stem();
-        let how = format!("{name:?} {placing:?} {left_out:?} {spawns:?} {relight}");
+        let all = files.all();
+        // Of two archives with one file the last one counts.
+        let order: Vec<_> = pk3.iter().map(|path| all.iter().position(|of| of == path)).collect();
+        let how = format!("{name:?} {placing:?} {left_out:?} {spawns:?} {relight} {order:?}");
         let mut hashes = vec![blake3::hash(how.as_bytes())];
-        for path in files.all() {
-            hashes.push(match fs::read(&path) {
+        for path in &all {
+            hashes.push(match fs::read(path) {
                 Ok(bytes) => blake3::hash(&bytes),
                 Err(error) if error.kind() == io::ErrorKind::NotFound => blake3::hash(b"absent"),
                 Err(error) => return Err(error),

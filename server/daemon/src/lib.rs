@@ -8,8 +8,8 @@
 //! * [`people`]: whom the server remembers: keys, roles, bans, places.
 //! * [`operate`]: what an operator sees of a running server: [`operate::ServerStats`] and
 //!   [`operate::Overview`].
-//! * `http`, a feature that is on unless it is turned off: a listener for operators, with metrics and
-//!   a live page.
+//! * `http`, a feature that is on unless it is turned off: a listener for operators, with metrics
+//!   and a live page.
 //! * `web`, another one: a listener for visitors with a browser.
 //!
 //! The engine decides everything that a client is told; nothing here does. The binary

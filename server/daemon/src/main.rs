@@ -1,5 +1,4 @@
-//! The program `sightline-server`: its commands are allow, audit, chat, compile,
-//! demo-building, inspect, invite, owner, replay, serve and status.
+//! The program `sightline-server`. Its commands are the modules of [`cli`].
 
 mod cli;
 

@@ -191,7 +191,8 @@ fn assert_agreement(table: &str, figures: &serde_json::Value, names: &[&str]) {
     }
 }
 
-/// What inspect suggests, compile finds beside the model; a mistake in it is a line that tells where.
+/// What inspect suggests, compile finds beside the model; a mistake in it is a line that tells
+/// where.
 #[test]
 fn rooms_are_suggested_edited_and_compiled() {
     let folder = tempfile::tempdir().unwrap();

@@ -2,12 +2,19 @@
 
 use std::{
     collections::HashMap,
-    fs,
+    fs::{self, File},
+    io,
     path::{Path, PathBuf},
     sync::{Arc, Weak},
+    time::SystemTime,
 };
 
 use sightline_world::{ContentId, ReadError, World, content_id, write_whole};
+
+/// The most worlds on disk, and the most bytes of them together. The one that was used longest ago
+/// goes first.
+const FILES_MAX: usize = 32;
+const BYTES_MAX: u64 = 4 << 30;
 
 /// Worlds that were fetched. Connections that need the same world at the same time share one copy.
 #[derive(Debug, Default)]
@@ -88,7 +95,13 @@ pub(super) async fn blocking<T: Send + 'static>(
 fn load(path: &Path, id: ContentId) -> Option<World> {
     let bytes = fs::read(path).ok()?;
     match check(&bytes, id) {
-        Ok(world) => Some(world),
+        Ok(world) => {
+            let used = File::options().append(true).open(path);
+            if let Err(error) = used.and_then(|file| file.set_modified(SystemTime::now())) {
+                tracing::debug!(path = %path.display(), %error, "its time of use cannot be set");
+            }
+            Some(world)
+        }
         Err(error) => {
             tracing::warn!(path = %path.display(), %error, "a cached world is damaged, and is fetched again");
             let _ = fs::remove_file(path);
@@ -100,13 +113,46 @@ fn load(path: &Path, id: ContentId) -> Option<World> {
 /// Reads the bytes that a server sent, and stores them at the path, if any.
 fn receive(bytes: &[u8], id: ContentId, path: Option<&Path>) -> Result<World, ReadError> {
     let world = check(bytes, id)?;
-    if let Some(path) = path {
-        let folder_made = path.parent().map_or(Ok(()), fs::create_dir_all);
-        if let Err(error) = folder_made.and_then(|()| write_whole(path, bytes)) {
-            tracing::warn!(path = %path.display(), %error, "the world cannot be stored");
-        }
+    if let Some(path) = path
+        && let Err(error) = store(bytes, path)
+    {
+        tracing::warn!(path = %path.display(), %error, "the world cannot be stored");
     }
     Ok(world)
+}
+
+/// Writes a world, and removes others where there are too many.
+fn store(bytes: &[u8], path: &Path) -> io::Result<()> {
+    let Some(folder) = path.parent() else { return write_whole(path, bytes) };
+    fs::create_dir_all(folder)?;
+    write_whole(path, bytes)?;
+    prune(folder, path, FILES_MAX, BYTES_MAX)
+}
+
+/// Removes worlds that were used longest ago, until no more than these are left. One stays in any
+/// case.
+fn prune(folder: &Path, kept: &Path, files_max: usize, bytes_max: u64) -> io::Result<()> {
+    let mut files: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let path = entry.path();
+        if path != kept && path.extension().is_some_and(|extension| extension == "slw") {
+            let about = entry.metadata()?;
+            files.push((about.modified()?, about.len(), path));
+        }
+    }
+    files.sort();
+    let mut count = files.len() + 1;
+    let mut bytes = files.iter().map(|(_, len, _)| len).sum::<u64>() + fs::metadata(kept)?.len();
+    for (_, len, path) in files {
+        if count <= files_max && bytes <= bytes_max {
+            break;
+        }
+        fs::remove_file(path)?;
+        count -= 1;
+        bytes -= len;
+    }
+    Ok(())
 }
 
 fn check(bytes: &[u8], id: ContentId) -> Result<World, ReadError> {
@@ -118,7 +164,7 @@ fn check(bytes: &[u8], id: ContentId) -> Result<World, ReadError> {
 
 #[cfg(test)]
 mod tests {
-    use std::cell::Cell;
+    use std::{cell::Cell, time::Duration};
 
     use sightline_fixtures::voxel_floor;
 
@@ -151,6 +197,26 @@ mod tests {
         fs::write(&path, damaged).unwrap();
         assert!(get().await && get().await);
         assert_eq!(fetches.get(), 2);
+    }
+
+    #[test]
+    fn the_worlds_that_were_used_longest_ago_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: u64| folder.path().join(format!("{name}.slw"));
+        for name in 0..6 {
+            fs::write(path(name), [0; 100]).unwrap();
+            let used = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000 - name);
+            File::options().append(true).open(path(name)).unwrap().set_modified(used).unwrap();
+        }
+        fs::write(folder.path().join("notes.txt"), [0; 900]).unwrap();
+        let left = || (0..6).filter(|name| path(*name).exists()).collect::<Vec<_>>();
+        prune(folder.path(), &path(5), 5, 1_000).unwrap();
+        assert_eq!(left(), [0, 1, 2, 3, 5], "the oldest but the one that stays");
+        prune(folder.path(), &path(5), 5, 350).unwrap();
+        assert_eq!(left(), [0, 1, 5]);
+        prune(folder.path(), &path(5), 0, 0).unwrap();
+        assert_eq!(left(), [5]);
+        assert!(folder.path().join("notes.txt").exists());
     }
 
     #[tokio::test]

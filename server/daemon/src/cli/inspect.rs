@@ -30,6 +30,7 @@ use super::{
     inspect_report::{self, TableRow},
     interrupt::Interrupt,
     pieces_figures::PiecesFigures,
+    printable,
     verification::VerificationFigures,
 };
 
@@ -202,10 +203,6 @@ impl MoverFigures {
             size_m: mover.swept(Duration::ZERO, Duration::ZERO).size().to_array(),
         }
     }
-}
-
-fn printable(text: &str) -> String {
-    text.chars().filter(|c| !c.is_control()).collect()
 }
 
 /// Runs the command.

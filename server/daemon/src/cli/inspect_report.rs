@@ -41,11 +41,7 @@ pub fn page(
     );
     figure(&mut page, plan, "Each storey from above, with cells, rooms and spawn points.")?;
     let spawns = world.spawns.iter().enumerate();
-    if world.spawns.is_empty() {
-        page += "<p>The world has no spawn point.</p>\n";
-    } else {
-        page += "<h2>Where visitors begin</h2>\n";
-    }
+    page += "<h2>Where visitors begin</h2>\n";
     for (number, spawn) in spawns.take(VIEWS_MAX) {
         let [x, y, z] = spawn.eye.to_array();
         let caption = format!("Spawn point {number}, at {x:.2},{y:.2},{z:.2}.");

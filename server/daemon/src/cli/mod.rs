@@ -28,6 +28,11 @@ use sightline_compiler::{
 };
 use sightline_world::{Spawn, World, motion::Pose};
 
+/// A text of a peer or a file without what a terminal takes for a command.
+pub fn printable(text: &str) -> String {
+    text.replace(char::is_control, "?")
+}
+
 /// A mark on a plan: a disc, or a ring.
 pub fn mark(eye: Vec3, filled: bool) -> Mark {
     Mark { eye, forward: None, colour: [220, 60, 40], filled, number: None }

@@ -40,12 +40,12 @@ pub struct ModelFlags {
     /// An archive with the textures of a Quake III map; may be given several times.
     #[arg(long, value_name = "FILE.pk3")]
     pk3: Vec<PathBuf>,
-    /// A TOML file with rooms and windows. By default the file beside the building that has its name
-    /// and the ending .rooms.toml, if there is one.
+    /// A TOML file with rooms and windows. By default the file beside the building that has its
+    /// name and the ending .rooms.toml, if there is one.
     #[arg(long, value_name = "R.toml")]
     rooms: Option<PathBuf>,
-    /// How many metres one unit of the model is, such as 0.001 for millimetres; by default 1. A model
-    /// larger than 5 km needs this flag.
+    /// How many metres one unit of the model is, such as 0.001 for millimetres; by default 1. A
+    /// model larger than 5 km needs this flag.
     #[arg(long, value_name = "METRES", value_parser = scale)]
     scale: Option<f64>,
     /// The axis of the model that points up: y, as glTF has it, or z.
@@ -55,8 +55,9 @@ pub struct ModelFlags {
     /// coordinates is moved anyway.
     #[arg(long)]
     recentre: bool,
-    /// Where visitors begin, in place of what the building says: the eye in metres and the heading in
-    /// degrees, anticlockwise from -z; may be given several times. Without any, places are found.
+    /// Where visitors begin, in place of what the building says: the eye in metres and the heading
+    /// in degrees, anticlockwise from -z; may be given several times. Without any, places are
+    /// found.
     #[arg(long, value_name = "X,Y,Z[,YAW]", value_parser = spawn, allow_hyphen_values = true)]
     spawn: Vec<Spawn>,
     /// Leave out nodes of this name, with all below them; may be given several times. * stands for

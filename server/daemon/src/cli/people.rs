@@ -123,9 +123,9 @@ pub fn audit(args: &AuditArgs) -> anyhow::Result<()> {
     print(lines)
 }
 
-/// Prints lines. What peers and other programs have written commands no terminal.
+/// Prints lines.
 fn print(lines: impl Iterator<Item = String>) -> anyhow::Result<()> {
-    let shown = |line: String| line.replace(char::is_control, "?") + "\n";
+    let shown = |line: String| super::printable(&line) + "\n";
     output::print(&lines.map(shown).collect::<String>())
 }
 

@@ -39,8 +39,8 @@ pub struct ReplayArgs {
     /// The round trip of every client, in milliseconds: 0 to 10000.
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u32).range(..=10_000))]
     rtt: u32,
-    /// The share of messages that are lost, in per cent: 0 to 50. A lost datagram never arrives. What
-    /// goes on a stream arrives a round trip later, and so does all that follows it. The same
+    /// The share of messages that are lost, in per cent: 0 to 50. A lost datagram never arrives.
+    /// What goes on a stream arrives a round trip later, and so does all that follows it. The same
     /// messages are lost in every run.
     #[arg(long, value_name = "PER_CENT", default_value_t = 0.0, value_parser = loss_percent)]
     loss: f64,
@@ -48,13 +48,13 @@ pub struct ReplayArgs {
     /// announces a jump.
     #[arg(long, value_name = "METRES")]
     speed_max: Option<f32>,
-    /// How long TBVs last: until-left (until the client is about to leave it), maximal (as long as it
-    /// stays unseen), adaptive (by how the last one ended), or a number of milliseconds. With `all`,
-    /// a table has a row for each, in both shapes.
+    /// How long TBVs last: until-left (until the client is about to leave it), maximal (as long as
+    /// it stays unseen), adaptive (by how the last one ended), or a number of milliseconds. With
+    /// `all`, a table has a row for each, in both shapes.
     #[arg(long, value_name = "VALIDITY", default_value = "until-left", value_parser = validities)]
     validity: ValidityChoice,
-    /// What bounds a TBV in space: reach (where the body can get, through portals) or sphere (greatest
-    /// speed times validity, through walls as well).
+    /// What bounds a TBV in space: reach (where the body can get, through portals) or sphere
+    /// (greatest speed times validity, through walls as well).
     #[arg(long, default_value = "reach")]
     shape: TbvShape,
     /// The budget of a tick for sight tests between regions. 100000 units take one to five
@@ -74,8 +74,8 @@ pub struct ReplayArgs {
     /// How often rays check what clients hold: off, auto, or an interval in milliseconds.
     #[arg(long, default_value = "auto", value_parser = stride)]
     oracle: OracleStride,
-    /// Explain why a viewer was told of an avatar at a time, or was not, in place of the table. Give
-    /// two ids and a time of the trace, such as 3,7,12500.
+    /// Explain why a viewer was told of an avatar at a time, or was not, in place of the table.
+    /// Give two ids and a time of the trace, such as 3,7,12500.
     #[arg(long, value_name = "VIEWER,AVATAR,T_MS")]
     explain: Option<ExplainQuery>,
     /// Write every event to this file, as CSV: t_ms,viewer,avatar,what.
@@ -158,8 +158,8 @@ fn run_one(
     output::print(&report.to_string())
 }
 
-/// Runs a trace, and explains the decision at the tick that was asked about. The audit is off, since
-/// it decides nothing.
+/// Runs a trace, and explains the decision at the tick that was asked about. The audit is off,
+/// since it decides nothing.
 fn explain(
     query: &ExplainQuery,
     args: &ReplayArgs,

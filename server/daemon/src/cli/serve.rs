@@ -31,22 +31,22 @@ use super::{joining::how_to_join, model_flags::ModelFlags, news::Newsreader};
 
 /// Serves a building to clients; without one, a demo building.
 ///
-/// A .glb, .gltf or .bsp is compiled, quickly at first and then finely, and kept for the next start.
-/// People join by the link that it prints, in a browser, or with `sightline-client walk HOST:PORT`. It
-/// serves until Ctrl-C, on one port: UDP for clients, TCP for pages.
+/// A .glb, .gltf or .bsp is compiled, quickly at first and then finely, and kept for the next
+/// start. People join by the link that it prints, in a browser, or with `sightline-client walk
+/// HOST:PORT`. It serves until Ctrl-C, on one port: UDP for clients, TCP for pages.
 #[derive(clap::Args)]
 pub struct ServeArgs {
     /// The building: a .glb, .gltf or .bsp, or a world (.slw) made by `compile`.
     #[arg(value_name = "BUILDING")]
     world: Option<PathBuf>,
-    /// The UDP address for clients: a port, or an address and a port, such as 4777 or localhost:4777.
-    /// Port 0 picks a free one. By default [::]:4777, which is every address of this machine.
+    /// The UDP address for clients: a port, or an address and a port, such as 4777 or
+    /// localhost:4777. Port 0 picks a free one. By default [::]:4777, which is every address of
+    /// this machine.
     #[arg(long, value_name = "ADDR", value_parser = listen_address)]
     listen: Option<SocketAddr>,
-    /// The TCP address for operators: a port of this machine's own address, an address and a port, or
-    /// off. It has a live page, metrics for Prometheus at /metrics, health at
-    /// /healthz, and no password. By
-    /// default 127.0.0.1:4778.
+    /// The TCP address for operators: a port of this machine's own address, an address and a port,
+    /// or off. It has a live page, metrics for Prometheus at /metrics, health at /healthz, and no
+    /// password. By default 127.0.0.1:4778.
     #[arg(long, value_name = "ADDR")]
     http: Option<HttpAddress>,
     /// Where browsers find the page: same (the port number for clients, by TCP), a port, an address
@@ -63,12 +63,12 @@ pub struct ServeArgs {
     /// A TOML file with settings and limits. `--print-config` shows all of them. Flags override it.
     #[arg(long, value_name = "F.toml")]
     config: Option<PathBuf>,
-    /// Print all settings and limits with their comments, ranges and worst-case memory, and end. What
-    /// is printed can be the file for --config.
+    /// Print all settings and limits with their comments, ranges and worst-case memory, and end.
+    /// What is printed can be the file for --config.
     #[arg(long)]
     print_config: bool,
-    /// The folder for the certificate, the database of visitors and compiled buildings. By default it
-    /// is in your home folder.
+    /// The folder for the certificate, the database of visitors and compiled buildings. By default
+    /// it is in your home folder.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// How the log on stderr is written: as lines for people, or as one JSON object a line.
@@ -180,9 +180,10 @@ async fn serve(
     let mut is_supplied = false;
     let mut status = tokio::time::interval(STATUS_INTERVAL);
     status.tick().await;
+    let mut ended = std::pin::pin!(super::interrupt::ended());
     loop {
         tokio::select! {
-            signal = super::interrupt::ended() => {
+            signal = &mut ended => {
                 signal?;
                 tracing::info!("closing");
                 ends.store(true, Relaxed);

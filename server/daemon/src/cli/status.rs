@@ -45,8 +45,12 @@ pub fn run(args: &StatusArgs) -> anyhow::Result<()> {
 async fn show(args: &StatusArgs) -> anyhow::Result<()> {
     let is_live = std::io::stdout().is_terminal() && !args.once;
     let mut before: Option<(Instant, Overview)> = None;
+    let mut ended = std::pin::pin!(super::interrupt::ended());
     loop {
-        let overview = ask_overview(args.address).await?;
+        let overview = tokio::select! {
+            signal = &mut ended => return Ok(signal?),
+            overview = ask_overview(args.address) => overview?,
+        };
         let since = before.as_ref().map(|(at, overview)| (at.elapsed(), overview));
         let figures = StatusFigures::new(&overview, since);
         if args.json.is_some() {
@@ -61,7 +65,7 @@ async fn show(args: &StatusArgs) -> anyhow::Result<()> {
         }
         before = Some((Instant::now(), overview));
         tokio::select! {
-            signal = super::interrupt::ended() => return Ok(signal?),
+            signal = &mut ended => return Ok(signal?),
             () = sleep(INTERVAL) => {}
         }
     }

@@ -5,6 +5,8 @@ use std::{fmt::Write, time::Duration};
 use serde::Serialize;
 use sightline_server::operate::{Overview, Person, Totals};
 
+use super::printable;
+
 /// The most clients in the table.
 const PEOPLE_MAX: usize = 30;
 /// The width of the column of names, in characters.
@@ -47,7 +49,7 @@ impl Rates {
 }
 
 impl<'a> StatusFigures<'a> {
-    /// The figures of a state. Rates are those since an earlier state, so long ago; without one,
+    /// The figures of a state. Rates are those since an earlier state, this long ago; without one,
     /// those since the start.
     pub fn new(now: &'a Overview, since: Option<(Duration, &Overview)>) -> Self {
         let rates = match since {
@@ -190,11 +192,6 @@ fn cpu_percent(now: &Overview, since: Option<(Duration, &Overview)>) -> Option<f
         None => (used.cpu_s, now.uptime_s),
     };
     Some(100.0 * used_s / passed_s.max(1e-3))
-}
-
-/// A text of a peer without what a terminal takes for a command.
-fn printable(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
 }
 
 /// A time for people.

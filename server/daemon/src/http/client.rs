@@ -78,7 +78,8 @@ async fn ask(
     let request = Request::get(super::OVERVIEW_PATH)
         .header(header::HOST, address.to_string())
         .body(Body::empty())?;
-    let answered = async {
+    // The connection ends with its sender, also where the server would keep it.
+    let answered = async move {
         let response = sender.send_request(request).await?;
         let status = response.status();
         let body = Limited::new(response.into_body(), ANSWER_BYTES_MAX).collect().await?;

@@ -1,12 +1,12 @@
 //! The HTTP listener for operators: metrics, health, and a live page.
 //!
 //! A slow or hostile client costs nothing. Connections have limits: in all, for each address, and
-//! in time. Each connection is for one request, whose header must arrive in time and fit into
-//! 16 KiB. Only the body of a request with the owner's token is read. Requests have a rate in all. However many ask, the engine is
-//! asked twice a second at most for all clients together.
+//! in time. Each connection is for one request, whose header must arrive in time and fit into 16
+//! KiB. Only the body of a request with the owner's token is read. Requests have a rate in all.
+//! However many ask, the engine is asked twice a second at most for all clients together.
 //!
 //! Whoever reaches the listener may look: it is on this machine's own address unless its operator
-//! chooses another one. Only who has the [`OwnerToken`] may act.
+//! chooses another one. Only holders of the [`OwnerToken`] may act.
 
 mod client;
 mod connections;

@@ -24,7 +24,8 @@ impl OwnerToken {
         new_invitation().map(Self).map_err(io::Error::other)
     }
 
-    /// The token of a data folder. If there is none, it is made. Only the folder's owner may read it.
+    /// The token of a data folder. If there is none, it is made. Only the folder's owner may read
+    /// it.
     ///
     /// # Errors
     /// When the file cannot be read or written, or is too short to be a secret.

@@ -26,8 +26,8 @@ impl Snapshots {
         Self { observer, newest: Newest(Mutex::default()) }
     }
 
-    /// An overview that is half a second old at most. `None` when the engine does not answer, or did
-    /// not within that time. All who ask meanwhile wait for the same answer.
+    /// An overview that is half a second old at most. `None` when the engine does not answer, or
+    /// did not within that time. All who ask meanwhile wait for the same answer.
     pub(super) async fn overview(&self) -> Option<Arc<Overview>> {
         self.newest.get(self.observer.overview()).await
     }

@@ -11,8 +11,8 @@ use super::snapshots::Snapshots;
 /// How often the state is sent.
 const INTERVAL: Duration = Duration::from_secs(1);
 
-/// Sends overviews for as long as somebody listens. What a slow client does not take in time is left
-/// out: the next event is made when the one before has been taken.
+/// Sends overviews for as long as somebody listens. What a slow client does not take in time is
+/// left out: the next event is made when the one before has been taken.
 pub(super) fn overviews(
     snapshots: Arc<Snapshots>,
 ) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {

@@ -27,7 +27,7 @@ use crate::operate::Reason;
 const LOG_LINES_PER_SECOND: f64 = 10.0;
 /// How often the log says how many lines about a peer were left out.
 const SUMMARY_INTERVAL: Duration = Duration::from_secs(10);
-/// How often it is looked who has not come back in time.
+/// How often avatars whose clients have not come back in time are looked for.
 const OVERDUE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Accepts connections until the server closes, then waits for all sessions to end. Other listeners
@@ -41,8 +41,8 @@ pub async fn accept(
     let mut closing = state.closing.clone();
     let mut log = TokenBucket::new(LOG_LINES_PER_SECOND, LOG_LINES_PER_SECOND, state.now());
     let mut summaries = tokio::time::interval(SUMMARY_INTERVAL);
-    let mut overdue = tokio::time::interval(OVERDUE_INTERVAL);
     let connections_max = state.config.connections_max();
+    let parting = tokio::spawn(part_overdue(state.clone()));
     loop {
         let incoming = tokio::select! {
             incoming = endpoint.accept() => incoming,
@@ -58,10 +58,6 @@ pub async fn accept(
             Some(_) = sessions.join_next() => continue,
             _ = summaries.tick() => {
                 log_summaries(&state);
-                continue;
-            }
-            _ = overdue.tick() => {
-                entrance::part_overdue(&state).await;
                 continue;
             }
         };
@@ -90,6 +86,20 @@ pub async fn accept(
         }
     }
     while sessions.join_next().await.is_some() {}
+    let _ = parting.await;
+}
+
+/// Lets those go who do not come back in time, until the server closes. It waits for the engine, and
+/// new connections do not.
+async fn part_overdue(state: Arc<ServerState>) {
+    let mut closing = state.closing.clone();
+    let mut overdue = tokio::time::interval(OVERDUE_INTERVAL);
+    loop {
+        tokio::select! {
+            () = async { drop(closing.wait_for(|closing| *closing).await) } => return,
+            _ = overdue.tick() => entrance::part_overdue(&state).await,
+        }
+    }
 }
 
 /// Decides on an attempt to connect, which has a number from now on.
@@ -111,8 +121,8 @@ fn begin(state: &ServerState, incoming: &Incoming, address: IpAddr) -> (Connecti
     (id, answer)
 }
 
-/// Decides on a connection of another listener, whose handshake proved its address. `None` when it is
-/// refused.
+/// Decides on a connection of another listener, whose handshake proved its address. `None` when it
+/// is refused.
 fn begin_proven(
     state: &ServerState,
     transport: &Transport,

@@ -62,10 +62,10 @@ pub enum NoPlace {
     JoiningOfNetwork,
 }
 
-/// The connections of a server, by their networks. An IPv6 address stands for its /64 network, since
-/// one subscriber has at least that. An address counts only once it is proven, or anybody could use
-/// up the places of another by forged packets. The server's own machine has no limits of its own.
-/// There are at most as many entries as connections and kept avatars.
+/// The connections of a server, by their networks. An IPv6 address stands for its /64 network,
+/// since one subscriber has at least that. An address counts only once it is proven, or anybody
+/// could use up the places of another by forged packets. The server's own machine has no limits of
+/// its own. There are at most as many entries as connections and kept avatars.
 #[derive(Debug)]
 pub struct Places {
     limits: PlaceLimits,
@@ -353,7 +353,7 @@ mod tests {
         assert!(parts("::1"), "the own machine");
         let (back, former) = (door.begin("192.0.2.1", true).0, ConnectionId(1));
         door.places.take_over(back, former);
-        assert!(door.places.part(back), "who comes back may lose its link again");
+        assert!(door.places.part(back), "a client that came back may lose its link again");
     }
 
     #[test]

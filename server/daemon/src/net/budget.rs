@@ -1,5 +1,5 @@
-//! Limits on how often something may happen: messages and bytes of each client, lines of the log. No
-//! clocks are needed here.
+//! Limits on how often something may happen: messages and bytes of each client, lines of the log.
+//! No clocks are needed here.
 
 use std::time::Duration;
 
@@ -40,6 +40,9 @@ impl TokenBucket {
     }
 }
 
+/// All messages over the budget are forgiven after this time, in seconds.
+const FORGIVEN_S: f64 = 60.0;
+
 /// How many messages and bytes one client may send. A client that goes on after its budget is spent
 /// is disconnected in the end.
 #[derive(Clone, Debug)]
@@ -69,7 +72,11 @@ impl MessageBudget {
         Self {
             messages: TokenBucket::new(per_second, limits.messages_burst, now),
             bytes: TokenBucket::new(bytes_per_second, limits.bytes_burst, now),
-            tolerated: TokenBucket::new(per_second, limits.messages_tolerated, now),
+            tolerated: TokenBucket::new(
+                limits.messages_tolerated / FORGIVEN_S,
+                limits.messages_tolerated,
+                now,
+            ),
         }
     }
 
@@ -88,8 +95,8 @@ impl MessageBudget {
 /// What QUIC, UDP and IP add to a datagram, in bytes.
 const PACKET_BYTES: f64 = 60.0;
 
-/// How many bytes one client may be sent. Poses wait while it is spent; control messages do not, and
-/// leave less to poses. Time passes by ticks.
+/// How many bytes one client may be sent. Poses wait while it is spent; control messages do not,
+/// and leave less to poses. Time passes by ticks.
 #[derive(Clone, Debug)]
 pub struct SendBudget {
     /// Seconds from tick to tick.
@@ -148,6 +155,17 @@ mod tests {
         let count = |decision| decisions.iter().filter(|d| **d == decision).count();
         assert_eq!((count(BudgetDecision::Accept), count(BudgetDecision::Ignore)), (128, 512));
         assert_eq!(decisions.last(), Some(&BudgetDecision::Disconnect));
+    }
+
+    #[test]
+    fn a_client_that_always_sends_a_little_too_much_is_disconnected() {
+        let mut budget = MessageBudget::new(20, &Limits::default(), Duration::ZERO);
+        let is_over = |i: u64| {
+            let decision = budget.charge(60, Duration::from_millis(i * 1_000 / 60));
+            decision == BudgetDecision::Disconnect
+        };
+        let first = (0..60 * 600).position(is_over).expect("60 a second are too many");
+        assert!((60 * 20..60 * 120).contains(&first), "after {} s", first / 60);
     }
 
     #[test]

@@ -115,7 +115,7 @@ fn answer(
 #[derive(Debug, PartialEq, Eq)]
 struct Target<'a> {
     key: KeyFingerprint,
-    /// The name, or the fingerprint of who is not here.
+    /// The name, or the fingerprint of somebody who is not here.
     name: String,
     reason: &'a str,
 }
@@ -136,6 +136,11 @@ fn target<'a>(visitors: &[VisitorInfo], line: &'a str) -> Result<Target<'a>, Mod
     // "Ada 2" is not Ada, for the reason 2.
     let (visitor, reason) =
         named.max_by_key(|(visitor, _)| visitor.name.len()).ok_or(ModerationError::NotHere)?;
+    // Nor is it when the one who was called so has left.
+    let word = reason.split(' ').next().unwrap_or_default();
+    if !word.is_empty() && word.bytes().all(|byte| byte.is_ascii_digit()) {
+        return Err(ModerationError::NotHere);
+    }
     let key = visitor.key.parse().map_err(|_| ModerationError::NotHere)?;
     Ok(Target { key, name: visitor.name.clone(), reason })
 }
@@ -180,12 +185,14 @@ mod tests {
         assert_eq!(meant("Ada"), Ok((1, "")));
         assert_eq!(meant("Ada 2"), Ok((2, "")));
         assert_eq!(meant("Ada 2 was rude"), Ok((2, "was rude")));
-        assert_eq!(meant("Ada 22"), Ok((1, "22")));
+        assert_eq!(meant("Ada 22"), Err(ModerationError::NotHere), "a namesake who has left");
+        assert_eq!(meant("Ada 22 was rude"), Err(ModerationError::NotHere));
+        assert_eq!(meant("Ada 2nd warning"), Ok((1, "2nd warning")));
         assert_eq!(meant("Adalbert"), Ok((3, "")));
         assert_eq!(meant("Adal"), Err(ModerationError::NotHere));
         assert_eq!(meant(""), Err(ModerationError::NotHere));
         let line = format!("{} no", KeyFingerprint([9; 10]));
-        assert_eq!(meant(&line), Ok((9, "no")), "who is not here");
+        assert_eq!(meant(&line), Ok((9, "no")), "somebody who is not here");
     }
 
     #[test]

@@ -33,7 +33,8 @@ const HTTP_DEFAULT: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST)
 const AVATARS_SPARE: usize = 64;
 
 documented! {
-    /// The configuration of a server. A TOML file may leave out any field. An unknown one is an error.
+    /// The configuration of a server. A TOML file may leave out any field. An unknown one is an
+    /// error.
     ServeConfig, COMMENTS {
         /// The UDP address for clients; port 0 picks a free one.
         #[serde(deserialize_with = "listened")]
@@ -51,8 +52,8 @@ documented! {
         /// Addresses of reverse proxies. What they say in X-Forwarded-For and X-Forwarded-Proto is
         /// believed.
         web_proxies: Vec<IpAddr>,
-        /// The certificate for browsers on the open internet, with those of its issuers, in PEM. Pages
-        /// then come by HTTPS. It is read again when it changes.
+        /// The certificate for browsers on the open internet, with those of its issuers, in PEM.
+        /// Pages then come by HTTPS. It is read again when it changes.
         tls_certificate: Option<PathBuf>,
         /// Its key, in PEM.
         tls_key: Option<PathBuf>,
@@ -62,7 +63,8 @@ documented! {
         clients_max: usize,
         /// The most connections from one address. The server's own machine has no limit.
         clients_per_address_max: usize,
-        /// The greatest horizon, in milliseconds. Clients with longer round trips may see others late.
+        /// The greatest horizon, in milliseconds. Clients with longer round trips may see others
+        /// late.
         horizon_max_ms: u32,
         /// How long TBVs are made to last: `until-left`, `maximal`, `adaptive`, or a number of
         /// milliseconds.
@@ -85,8 +87,8 @@ documented! {
         /// How long a client may be silent after its TBV has expired, in seconds.
         silence_s: f64,
         /// Whether clients may enter anywhere, as recorded walks do. Otherwise they enter at spawn
-        /// points only, since a client that chooses freely could look into every room, one after the
-        /// other.
+        /// points only, since a client that chooses freely could look into every room, one after
+        /// the other.
         free_entry: bool,
         /// Who is let in: `open` (everybody), `allow-list`, or `invitation`.
         #[serde(serialize_with = "shown", deserialize_with = "parsed")]
@@ -106,8 +108,8 @@ documented! {
     }
 }
 
-/// Where operators reach a server by HTTP: `off`, a port of this machine's own address, or an address
-/// with a port.
+/// Where operators reach a server by HTTP: `off`, a port of this machine's own address, or an
+/// address with a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HttpAddress {
     /// Nowhere.
@@ -242,7 +244,8 @@ impl ServeConfig {
 
     /// The interval between ticks.
     pub fn tick_interval(&self) -> Duration {
-        Duration::from_secs(1) / self.tick_hz.max(1)
+        // Clients are told whole microseconds, and must reckon with the same time.
+        Duration::from_micros(u64::from(1_000_000 / self.tick_hz.max(1)))
     }
 
     /// The engine's configuration.

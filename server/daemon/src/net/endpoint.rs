@@ -22,7 +22,7 @@ use super::{
     config::{Limits, ServeConfig},
 };
 
-/// After so long, or after a round trip if that is less, the client says what has arrived.
+/// The client acknowledges packets after this time, or after a round trip if that is less.
 const ACK_DELAY_MAX: Duration = Duration::from_millis(100);
 /// What may wait of one new connection until it is looked at, in bytes.
 const INCOMING_BYTES: u64 = 16 * 1_024;
@@ -56,8 +56,8 @@ pub fn listen(
 }
 
 /// A socket with large buffers, of this number of bytes in each direction: they keep what arrives
-/// while no processor is free. A packet of 60 bytes counts as about 800. On an IPv6 address it is for
-/// IPv4, too.
+/// while no processor is free. A packet of 60 bytes counts as about 800. On an IPv6 address it is
+/// for IPv4, too.
 fn socket(address: SocketAddr, bytes: usize) -> io::Result<UdpSocket> {
     let socket = Socket::new(Domain::for_address(address), Type::DGRAM, Some(Protocol::UDP))?;
     if address.is_ipv6() {

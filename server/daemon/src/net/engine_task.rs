@@ -122,7 +122,8 @@ pub struct EngineTask {
 }
 
 impl EngineTask {
-    /// A task without a world, whose clock starts at `started`. Its engines have this configuration.
+    /// A task without a world, whose clock starts at `started`. Its engines have this
+    /// configuration.
     pub fn new(
         config: &ServeConfig,
         offers: Arc<Offers>,
@@ -326,8 +327,8 @@ impl EngineTask {
         let visit = client.visit.clone();
         let avatar = visit.avatar;
         self.load.entered(1);
-        // Who comes for a world that is gone has been told of the next one. Who was replaced while
-        // it waited would take the avatar back.
+        // A client that comes for a world that is gone has been told of the next one. One that was
+        // replaced while it waited would take the avatar back.
         let may_enter = world == self.world && !client.is_replaced();
         let Some(engine) = self.engine.as_mut().filter(|_| may_enter) else { return };
         // The handshake has measured the round trip already.

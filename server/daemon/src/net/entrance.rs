@@ -1,4 +1,4 @@
-//! Who comes in, who comes back, and who goes.
+//! Visitors come in, come back, and go.
 
 use std::{net::IpAddr, num::NonZeroU32, sync::Arc, time::Duration};
 

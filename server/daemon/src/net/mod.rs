@@ -1,11 +1,12 @@
 //! The QUIC endpoint, admission and sessions: the only module of the server that knows QUIC.
 //!
 //! [`Server::bind`] starts everything. A server that [listens](Server::listen) without a world gets
-//! it later from a [`WorldChanger`], which also replaces it. A thread of its own has the engine (`engine_task`), one task
-//! accepts connections (`accept`), and each connection has a `session` of its own. The engine's
-//! thread fills each client's `outbox` and never waits for a client. When it cannot keep up, its
-//! rate falls (`pace`), newcomers are put off (`load`), and nobody present is dropped. A session
-//! that panics or misbehaves ends alone. When the engine panics, its world begins anew (`engine_faults`).
+//! it later from a [`WorldChanger`], which also replaces it. A thread of its own has the engine
+//! (`engine_task`), one task accepts connections (`accept`), and each connection has a `session` of
+//! its own. The engine's thread fills each client's `outbox` and never waits for a client. When it
+//! cannot keep up, its rate falls (`pace`), newcomers are put off (`load`), and nobody present is
+//! dropped. A session that panics or misbehaves ends alone. When the engine panics, its world
+//! begins anew (`engine_faults`).
 //!
 //! What a client can occupy has limits ([`Limits`]): `serve --print-config` prints each with its
 //! memory.

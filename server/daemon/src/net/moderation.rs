@@ -36,7 +36,7 @@ pub struct VisitorInfo {
     pub is_muted: bool,
 }
 
-/// Who does something to a visitor.
+/// The person or program that does something to a visitor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Author {
     /// Whoever runs the server.

@@ -81,8 +81,18 @@ fn numbered(base: &str, number: u64) -> Name {
 /// either, so a command about the one would be done to the other.
 fn begins_with_fingerprint(name: &str) -> bool {
     let word = name.split_whitespace().next().unwrap_or_default();
-    let digits: String = word.chars().filter(|c| *c != '-').take(2 * KEY_BYTES).collect();
-    digits.parse::<KeyFingerprint>().is_ok()
+    let is_one = |text: &str| {
+        let digits: String = text.chars().filter(|c| *c != '-').take(2 * KEY_BYTES).collect();
+        digits.parse::<KeyFingerprint>().is_ok()
+    };
+    // What only looks like one is read as one. The skeleton has letters for the digits 0 and 1.
+    let digit = |c: char| match c {
+        'O' => '0',
+        'l' => '1',
+        c => c,
+    };
+    let looks: String = skeleton(word).filter(char::is_ascii).map(digit).collect();
+    is_one(word) || is_one(&looks)
 }
 
 /// What a name looks like, as it is written and in small letters: a great I looks like an l, and a
@@ -132,6 +142,19 @@ mod tests {
             assert!(claim(&mut names, id, wanted).starts_with("Visitor"), "{wanted}");
         }
         assert_eq!(claim(&mut names, 9, "Ada abab-abab"), "Ada abab-abab");
+        // Digits that look alike, and a selector that does not show.
+        let other = KeyFingerprint([0x0a; KEY_BYTES]).to_string();
+        let alike = [
+            ('a', "\u{ff41}"),
+            ('a', "\u{430}"),
+            ('0', "O"),
+            ('0', "\u{ff10}"),
+            ('a', "a\u{fe00}"),
+        ];
+        for (id, (digit, like)) in (20..).zip(alike) {
+            let wanted = other.replacen(digit, like, 1);
+            assert!(claim(&mut names, id, &wanted).starts_with("Visitor"), "{wanted}");
+        }
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Which world is offered, and to whom. The two change together, so that every client hears of every
-//! world, in order.
+//! Which world is offered, and to whom. The two change together, so that every client hears of
+//! every world, in order.
 
 use std::{
     collections::BTreeMap,

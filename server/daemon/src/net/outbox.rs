@@ -97,7 +97,8 @@ impl Outbox {
         }
     }
 
-    /// Adds the offer of another world. Nothing of the one before waits or comes any more.
+    /// Adds the offer of another world. Poses of the one before are dropped; messages that wait go
+    /// before the offer.
     pub fn leave_world(&self, offer: &ServerMessage) {
         let mut waiting = self.waiting();
         waiting.outbound.leave_world();
@@ -115,13 +116,14 @@ impl Outbox {
         }
     }
 
-    /// Adds a goodbye, and whether the client may come back by itself. Nothing can be added after it.
+    /// Adds a goodbye, and whether the client may come back by itself. Nothing can be added after
+    /// it.
     pub fn end(&self, reason: &str, may_return: bool) {
         self.push(&ServerMessage::Goodbye { reason: ChatLine::clipped(reason), may_return });
     }
 
-    /// Wakes the client's task, once every output of a tick is there, if it has something to send. It
-    /// may be sent this number of bytes in a second.
+    /// Wakes the client's task, once every output of a tick is there, if it has something to send.
+    /// It may be sent this number of bytes in a second.
     pub fn flush(&self, tick: u32, bytes_per_s: f64) {
         let mut waiting = self.waiting();
         waiting.tick = tick;

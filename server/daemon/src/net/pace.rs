@@ -6,9 +6,9 @@ use std::time::Duration;
 const FACTORS: [u32; 3] = [1, 2, 4];
 /// The rate falls when this number of ticks in a row take longer than their time.
 const OVERRUNS: u32 = 3;
-/// The rate rises when ticks would have fitted into this part of the shorter time, in per cent, ...
+/// The rate rises when ticks would have fitted into this part of the shorter time, in per cent.
 const SPARE_PER_CENT: u32 = 60;
-/// ... for so long. Two steps take less than five seconds.
+/// How long they must have fitted. Two steps take less than five seconds.
 const CALM: Duration = Duration::from_millis(1_500);
 
 /// How often the engine ticks.

@@ -16,7 +16,7 @@ use crate::people::People;
 
 /// How often places are noted. Together with the time until they are written it is below a second.
 const INTERVAL: Duration = Duration::from_millis(500);
-/// Who has moved by less than this is where it was, in metres.
+/// A visitor that has moved by less than this is where it was, in metres.
 const MOVED_M: f32 = 0.1;
 
 /// Notes where visitors are.
@@ -60,7 +60,7 @@ impl PlaceNotes {
         }
     }
 
-    /// Notes where a visitor is who goes, if it has moved.
+    /// Notes where a leaving visitor is, if it has moved.
     pub fn note_last(&mut self, engine: &Engine, client: &ConnectedClient) {
         if let Some(place) = self.moved(engine, client) {
             self.people.note_places(&self.building, &[place]);

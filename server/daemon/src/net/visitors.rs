@@ -1,5 +1,5 @@
-//! The visitors that are here, by their keys: those who are connected, and those whose link broke and
-//! who may come back.
+//! The visitors that are here, by their keys: those who are connected, and those whose link broke
+//! and who may come back.
 
 use std::{collections::HashMap, sync::Arc, time::Duration};
 
@@ -7,7 +7,7 @@ use sightline_protocol::fingerprint::KeyFingerprint;
 
 use super::client::ConnectedClient;
 
-/// For so long the avatar of a client whose link broke is kept for it.
+/// How long the avatar of a client whose link broke is kept for it.
 pub const KEPT_FOR: Duration = Duration::from_secs(30);
 
 /// The visitors that are here. Each key has one avatar.

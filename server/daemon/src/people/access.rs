@@ -1,4 +1,4 @@
-//! Who is let in.
+//! Rules of who is let in.
 
 use std::{fmt, str::FromStr};
 
@@ -10,11 +10,11 @@ pub enum Access {
     Open,
     /// Those who are on the list, moderators and owners.
     AllowList,
-    /// Also who has an invitation. It puts its owner on the list.
+    /// Those on the list, and holders of an invitation, which puts them on the list.
     Invitation,
 }
 
-/// A text does not say who is let in.
+/// A text is not the name of an access rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("use open, allow-list or invitation")]
 pub struct AccessError;

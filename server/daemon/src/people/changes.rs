@@ -48,7 +48,7 @@ pub enum Act {
     UseInvitation([u8; 32]),
     /// A line of the audit log.
     Audit {
-        /// Who did it: a fingerprint, or a word for who has no key.
+        /// Who did it: a fingerprint, or a word for one without a key.
         author: String,
         /// What was done.
         act: String,

@@ -21,8 +21,8 @@ use super::{
 const FILE: &str = "people.db";
 /// How long another program may hold the file, such as a command of the operator.
 const BUSY: Duration = Duration::from_secs(5);
-/// The most strangers that are remembered, of about 150 bytes each. Those who have not been seen for
-/// longest are forgotten.
+/// The most strangers that are remembered, of about 150 bytes each. Those who have not been seen
+/// for longest are forgotten.
 const STRANGERS_MAX: i64 = 100_000;
 /// The most lines of the audit log.
 const AUDIT_MAX: i64 = 1_000_000;

@@ -1,5 +1,6 @@
 //! Whom the server remembers: keys, names, roles, bans, the last place of each visitor, what
-//! moderators did and, if it is told to, what was said. It is kept in an SQLite database in the data folder.
+//! moderators did and, if it is told to, what was said. It is kept in an SQLite database in the
+//! data folder.
 //!
 //! [`People`] answers from memory, and a thread of its own writes changes: at most a second passes
 //! until they are in the file.

@@ -22,7 +22,7 @@ pub struct ChatRecord {
 pub struct AuditRecord {
     /// When it was done, in coordinated universal time.
     pub at: String,
-    /// Who did it: a fingerprint, or a word for who has no key.
+    /// Who did it: a fingerprint, or a word for one without a key.
     pub author: String,
     /// What was done.
     pub act: String,

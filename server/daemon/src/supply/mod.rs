@@ -203,8 +203,8 @@ impl Round<'_> {
     ) -> Result<(), Interrupted> {
         let [quick, fine] =
             [Quality::Quick, Quality::Fine].map(|quality| CompileOptions { quality, ..*options });
-        // Without a key the building is compiled, and not kept. What is wrong with its files is told
-        // when they are read.
+        // Without a key the building is compiled, and not kept. What is wrong with its files is
+        // told when they are read.
         let [quick_key, fine_key] = [&quick, &fine].map(|it| CacheKey::new(source, it).ok());
         let is_served = |key| served.as_ref() == Some(&Served::Building(key));
         if fine_key.is_some() && is_served(fine_key) {

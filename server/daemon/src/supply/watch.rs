@@ -12,7 +12,7 @@ use std::{
 
 /// The time between two looks.
 const LOOK_INTERVAL: Duration = Duration::from_millis(300);
-/// A change is over when nothing has changed for so long: programs write large files in pieces.
+/// A change is over when nothing has changed for this long: programs write large files in pieces.
 const QUIET: Duration = Duration::from_millis(500);
 
 /// Files as they were at one moment, to be compared with what they are later.

@@ -28,8 +28,8 @@ const BUFFER_BYTES: usize = 16 * 1_024;
 /// The most fields of a header.
 const HEADERS_MAX: usize = 64;
 
-/// Answers requests until the connection ends, becomes a visit, or has had its time. Nobody learns of
-/// errors: they are the peer's.
+/// Answers requests until the connection ends, becomes a visit, or has had its time. Nobody learns
+/// of errors: they are the peer's.
 pub(super) async fn converse<S>(stream: S, peer: SocketAddr, site: Arc<Site>)
 where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,

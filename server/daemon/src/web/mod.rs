@@ -3,9 +3,9 @@
 //!
 //! It is on the TCP port with the number of the UDP port, unless the operator chooses another one.
 //! Connections have limits: in all, for each network, and in time. Requests have a rate for each
-//! network, and downloads have the limits of clients that join. A header must arrive in time and fit
-//! into 16 KiB, and no body is read. What becomes a visit has the limits of every other one from
-//! then on.
+//! network, and downloads have the limits of clients that join. A header must arrive in time and
+//! fit into 16 KiB, and no body is read. What becomes a visit has the limits of every other one
+//! from then on.
 
 mod connection;
 mod download;

@@ -16,12 +16,12 @@ use super::super::BindError;
 const VALIDITY: Duration = Duration::from_secs(13 * DAY_S);
 /// How long one is shown. The next one is known for as long before.
 const TURN: Duration = Duration::from_secs(6 * DAY_S);
-/// The clocks of visitors may be late by so much.
+/// The clocks of visitors may be late by this much.
 const CLOCKS: Duration = Duration::from_secs(DAY_S / 2);
 const DAY_S: u64 = 24 * 3_600;
 
-/// The certificate that is shown, and the next one. A page learns the hashes of both, so it may come
-/// with what it has learnt days before.
+/// The certificate that is shown, and the next one. A page learns the hashes of both, so it may
+/// come with what it has learnt days before.
 #[derive(Debug)]
 pub(super) struct Turns {
     shown: ShortLived,

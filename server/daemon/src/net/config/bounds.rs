@@ -117,7 +117,8 @@ fn client_buffers(config: &ServeConfig) -> u64 {
     let limits = &config.limits;
     let windows = u64::from(limits.receive_window_bytes) + u64::from(limits.send_window_bytes);
     let datagrams = limits.datagram_buffer_bytes + limits.datagram_send_bytes;
-    windows + (datagrams + limits.control_bytes_max) as u64
+    // As much waits in the outbox as has been taken from it to be written.
+    windows + (datagrams + 2 * limits.control_bytes_max) as u64
 }
 
 /// What a connection without an avatar may occupy.

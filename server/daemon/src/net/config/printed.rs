@@ -132,8 +132,8 @@ mod tests {
         let each = (many - few) / 100;
         assert_eq!(
             each,
-            948 * 1_024,
-            "bytes for each client: buffers of 788 KiB, and what else is kept"
+            1_204 * 1_024,
+            "bytes for each client: buffers of 1,044 KiB, and what else is kept"
         );
     }
 }

@@ -103,7 +103,8 @@ async fn serve(state: &ServerState, transport: Arc<Transport>, id: ConnectionId)
     };
     let end = Session::new(state, client.clone()).talk(&mut writer, frames).await;
     if matches!(end, SessionEnd::Left) {
-        // Who comes again before the last words have arrived begins anew, with another name perhaps.
+        // A client that comes again before the last words have arrived begins anew, with another
+        // name perhaps.
         entrance::part(state, id, Some(&end)).await;
     }
     if !matches!(end, SessionEnd::Lost(_)) {
@@ -254,11 +255,19 @@ impl<'a> Session<'a> {
     /// Gives the client its time to enter, for each world that is offered.
     async fn watch_offers(&self, mut offers: watch::Receiver<Option<WorldOffer>>) -> SessionEnd {
         offers.mark_changed();
-        let patience = Duration::from_secs_f64(self.state.config.limits.enter_s);
+        let limits = &self.state.config.limits;
+        let patience = Duration::from_secs_f64(limits.enter_s);
         while offers.changed().await.is_ok() {
-            let is_offered = offers.borrow_and_update().is_some();
+            // A browser fetches the world by HTTP, so nobody hears when it begins.
+            let fetches_elsewhere = !self.client.transport.carries_worlds();
+            let download =
+                offers.borrow_and_update().as_ref().map(|offer| match fetches_elsewhere {
+                    true => limits.download_time(offer.world.bytes().len()),
+                    false => Duration::ZERO,
+                });
             let trips = self.client.transport.round_trip().min(ROUND_TRIP_MAX) * ENTER_ROUND_TRIPS;
-            self.limits().deadline = is_offered.then(|| Instant::now() + patience + trips);
+            self.limits().deadline =
+                download.map(|download| Instant::now() + patience + download + trips);
         }
         SessionEnd::Closing
     }

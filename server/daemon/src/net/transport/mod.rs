@@ -2,8 +2,8 @@
 //! kind of connection.
 //!
 //! Each kind has a control stream, whose bytes arrive in order, and datagrams, of which only the
-//! newest matter. A writer of datagrams first asks [how large one may be](Transport::datagram_room):
-//! while the path is busy, poses wait where newer ones replace them.
+//! newest matter. A writer of datagrams first asks [how large one may
+//! be](Transport::datagram_room): while the path is busy, poses wait where newer ones replace them.
 
 mod quic;
 #[cfg(feature = "web")]

@@ -13,8 +13,8 @@ use sightline_protocol::{
 
 use super::{super::client_keys::key_of, CloseCode, TransportError};
 
-/// A datagram is sent only while QUIC's own queue of datagrams has room for one of any length. In it
-/// poses would grow old.
+/// A datagram is sent only while QUIC's own queue of datagrams has room for one of any length. In
+/// it poses would grow old.
 pub(super) const DATAGRAM_SPACE_MIN: usize = DATAGRAM_BYTES_MAX;
 
 /// A connection of QUIC.
