@@ -7,17 +7,17 @@
 //!
 //! Receivers lie 0.3 m apart on the surfaces of generated buildings. Those of one space that lie in
 //! a cube of 4 m make a group, and those in one of its eight parts a group below it. A hemicube of
-//! each receiver is drawn with all triangles as candidates; with those that fuzzy projection does not
-//! find invisible from the two groups; with those in the spaces that box visibility does not find
-//! hidden from the group; and with those in the cells that the PVS holds. Lists are made once for
-//! a group, and their time counts. Rays find the same form factors from the same directions, and the
-//! last column has as many rays as the compiler casts. Times are CPU time of one thread.
+//! each receiver is drawn with all triangles as candidates; with those that fuzzy projection does
+//! not find invisible from the two groups; with those in the spaces that box visibility does not
+//! find hidden from the group; and with those in the cells that the PVS holds. Lists are made once
+//! for a group, and their time counts. Rays find the same form factors from the same directions,
+//! and the last column has as many rays as the compiler casts. Times are CPU time of one thread.
 //!
 //! A second line for each building is for the parts of the patent that the compiler does without. A
-//! hemicube pyramid saves pixels where little accuracy is asked for, so it takes at least as long as a
-//! hemicube of few pixels with the same list, whose making does not count here. Rays whose candidates
-//! are a group's list go down a tree of these triangles alone. A list takes four bytes for each
-//! entry, or packed as the smallest two by differences.
+//! hemicube pyramid saves pixels where little accuracy is asked for, so it takes at least as long
+//! as a hemicube of few pixels with the same list, whose making does not count here. Rays whose
+//! candidates are a group's list go down a tree of these triangles alone. A list takes four bytes
+//! for each entry, or packed as the smallest two by differences.
 
 use std::{collections::BTreeMap, f32::consts::PI, ops::ControlFlow, time::Duration};
 
@@ -101,12 +101,12 @@ struct FormFactorRow {
     pvs_ms: f64,
     rays_ms: f64,
     compiler_rays_ms: f64,
-    /// Hemicubes of [`COARSE`], [`PIXELS`] and [`FINE`] pixels, with lists by fuzzy projection and by
-    /// box visibility. The making of lists does not count.
+    /// Hemicubes of [`COARSE`], [`PIXELS`] and [`FINE`] pixels, with lists by fuzzy projection and
+    /// by box visibility. The making of lists does not count.
     fuzzy_by_pixels_ms: [f64; 3],
     box_by_pixels_ms: [f64; 3],
-    /// As many rays as in `rays_ms`, among the triangles that box visibility leaves, and the making of
-    /// trees of these.
+    /// As many rays as in `rays_ms`, among the triangles that box visibility leaves, and the making
+    /// of trees of these.
     listed_rays_ms: f64,
     listed_trees_ms: f64,
     /// The bytes of a part's list by fuzzy projection, in the mean.

@@ -1,9 +1,9 @@
 //! What orthogonal mode costs, as a share of what perspective mode costs, in many buildings with
 //! coarse and fine voxels.
 //!
-//! The demo building is always measured; maps, buildings and scenes beside the repository where they
-//! are there. Modes take turns picture by picture, and the least CPU time of several counts. A share
-//! is that of the medians.
+//! The demo building is always measured; maps, buildings and scenes beside the repository where
+//! they are there. Modes take turns picture by picture, and the least CPU time of several counts. A
+//! share is that of the medians.
 //!
 //! `cargo bench -p sightline-tests --bench modes`
 

@@ -176,8 +176,8 @@ fn arrive(
     }
 }
 
-/// A walk along a path through the building from a random place on it. A body waits where voxels are
-/// missing.
+/// A walk along a path through the building from a random place on it. A body waits where voxels
+/// are missing.
 fn walk(
     pieces: &WorldPieces,
     link: SimulatedLink,

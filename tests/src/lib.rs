@@ -2,8 +2,8 @@
 //!
 //! * [`simulation`]: the engine in random buildings, with random networks and injected faults,
 //!   compared with brute force at every tick. [`simulation::run`] runs one seed.
-//! * [`demo`]: `cargo demo`. A real server, simulated visitors, a window or pictures, and a table of
-//!   what each client was told.
+//! * [`demo`]: `cargo demo`. A real server, simulated visitors, a window or pictures, and a table
+//!   of what each client was told.
 //! * [`streaming`]: a client that fetches a world in pieces over a simulated link.
 //! * [`bench_flags`]: what the command lines of all benches have.
 //!

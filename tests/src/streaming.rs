@@ -1,5 +1,5 @@
-//! A client that fetches a world in pieces over a simulated link, in virtual time, and draws what it
-//! has.
+//! A client that fetches a world in pieces over a simulated link, in virtual time, and draws what
+//! it has.
 
 use std::{
     collections::{BTreeSet, VecDeque},
@@ -17,7 +17,7 @@ pub const FRAME: Duration = Duration::from_millis(50);
 const UNDER_WAY: usize = 192 * 1_024;
 /// What a piece takes on the link beside its bytes: its number, its length, and a share of packets.
 const PIECE_SPARE: usize = 8;
-/// About how many bytes of a stream a packet of 1,452 bytes carries.
+/// The share of a packet that carries bytes of a stream. The rest is headers.
 const PACKED_SHARE: f64 = 1_400.0 / 1_500.0;
 /// Round trips before the head can be asked for: the handshake, and the hello.
 const GREETING: u32 = 2;

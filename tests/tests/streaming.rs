@@ -1,5 +1,5 @@
-//! A world that arrives in pieces: what may be seen from a space is never too little, the picture is
-//! that of the whole world once it is sharp, and before that it has no hole.
+//! A world that arrives in pieces: what may be seen from a space is never too little, the picture
+//! is that of the whole world once it is sharp, and before that it has no hole.
 
 use std::{ops::ControlFlow, sync::OnceLock, time::Duration};
 
@@ -16,7 +16,8 @@ use sightline_tests::streaming::{SimulatedLink, StreamedVisit};
 use sightline_visibility::streaming::pieces_of;
 use sightline_world::{World, WorldHead, geometry::Aabb, motion::Pose, octree::Octree};
 
-/// The number of boxes of eyes. Where the environment variable asks for more, there are more worlds.
+/// The number of boxes of eyes. Where the environment variable asks for more, there are more
+/// worlds.
 const BOXES: &str = "SIGHTLINE_BOXES";
 const BOXES_LEAST: usize = 12;
 /// The eyes in each box, and the lines from each.

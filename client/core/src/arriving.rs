@@ -60,8 +60,8 @@ impl ArrivingWorld {
         }
     }
 
-    /// The voxels that are here, and [stand-ins](sightline_world::octree::pieces::PartialOctree) for
-    /// those that are not.
+    /// The voxels that are here, and [stand-ins](sightline_world::octree::pieces::PartialOctree)
+    /// for those that are not.
     pub fn octree(&self) -> &Octree {
         match &self.state {
             Arrived::Whole(world) => &world.octree,

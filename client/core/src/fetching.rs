@@ -21,7 +21,7 @@ use sightline_world::{
 /// How far around the body voxels must be there, in metres.
 const AROUND_M: f32 = 0.5;
 
-/// What lies so far ahead on the way counts as needed soon, in seconds.
+/// Look-ahead times, in seconds: what may be seen from where the eye will be then is needed soon.
 const AHEAD_S: [f32; 3] = [1.0, 2.0, 4.0];
 
 /// The share of the distance that counts: what is drawn at an edge of the picture is less deep.
@@ -186,8 +186,8 @@ impl PieceFetcher {
                 .all(|(_, (branch, grades))| self.head.octree.grades_of(branch) >= grades)
     }
 
-    /// The branches around the body and in the picture, with how many grades of each are needed, and
-    /// how urgent that is.
+    /// The branches around the body and in the picture, with how many grades of each are needed,
+    /// and how urgent that is.
     fn needs<'a>(
         &'a self,
         outlook: &'a Outlook<'_>,
@@ -217,7 +217,7 @@ impl PieceFetcher {
         Aabb::new(eye - low - AROUND_M, eye + high + AROUND_M)
     }
 
-    /// How many grades are needed where a picture is so deep, in metres.
+    /// The number of grades that a picture needs at a depth in metres.
     fn grades_at(&self, depth: f32, focal: f32) -> u8 {
         let octree = &self.head.octree;
         let fine = |&grades: &u8| octree.edge_after(grades) * focal <= depth;

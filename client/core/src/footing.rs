@@ -1,5 +1,5 @@
-//! Whether a body has a footing in the building: where it stood last, and the way back there once it
-//! has fallen out of the world.
+//! Whether a body has a footing in the building: where it stood last, and the way back there once
+//! it has fallen out of the world.
 
 use glam::Vec3;
 use sightline_world::{World, geometry::Aabb, octree::Octree};
@@ -11,17 +11,17 @@ const FLOOR_WITHIN_M: f32 = 0.06;
 /// A body that falls where there is no floor at all has left the world this far below its last
 /// footing, in metres.
 const FALL_M: f32 = 3.0;
-/// A body that does not fit where it is for so long is stuck, in seconds.
+/// A body that has had no room for this long is stuck, in seconds.
 const STUCK_S: f32 = 2.0;
-/// A body on its way back that comes no nearer for so long is stuck, in seconds.
+/// A body on its way back that has come no nearer for this long is stuck, in seconds.
 const HELD_UP_S: f32 = 2.0;
 /// The distance between two places of the trail, in metres.
 const TRAIL_STEP_M: f32 = 0.5;
 /// A place of the trail is reached within this distance, in metres, and the first one, where the
 /// body stood, within the other.
 const REACHED_M: [f32; 2] = [0.3, 0.05];
-/// A body flies to so far above the place where it stood, so that it gets over the edge of the floor,
-/// in metres.
+/// A body flies to so far above the place where it stood, so that it gets over the edge of the
+/// floor, in metres.
 const LIFT_M: f32 = 0.15;
 /// A body stands well when there is a floor this close to the vertical below its eye, in metres.
 const MIDDLE_M: f32 = 0.02;
@@ -56,8 +56,8 @@ impl Footing {
         *self = Self::default();
     }
 
-    /// Looks at a body that is about to move for `dt_s` seconds, as `wish` says, among the voxels of
-    /// a world as far as they are here. `None` while it is not in trouble.
+    /// Looks at a body that is about to move for `dt_s` seconds, as `wish` says, among the voxels
+    /// of a world as far as they are here. `None` while it is not in trouble.
     pub fn rescue(
         &mut self,
         world: &World,
@@ -126,7 +126,7 @@ impl Footing {
         None
     }
 
-    /// Counts the time in trouble. Returns whether it has lasted for so long, and then begins anew.
+    /// Counts the time in trouble. Returns whether it has lasted this long, and then begins anew.
     fn is_troubled_for(&mut self, dt_s: f32, limit_s: f32) -> bool {
         self.troubled_s += dt_s;
         let is_over = self.troubled_s >= limit_s;
@@ -137,8 +137,8 @@ impl Footing {
     }
 }
 
-/// The input by which a body flies along a way, given in metres, while it looks as it wishes, but not
-/// steeply: it flies in the direction of view.
+/// The input by which a body flies along a way, given in metres, while it looks as it wishes, but
+/// not steeply: it flies in the direction of view.
 fn flight(way: Vec3, wish: &MoveInput) -> MoveInput {
     // A metre before its goal it slows down.
     let way = way.clamp_length_max(1.0) * 0.7;

@@ -12,30 +12,30 @@ use sightline_world::{World, geometry::Aabb};
 
 /// Steps count as this much higher than they are, in metres, so that no path depends on a near
 /// miss.
-const STEP_SLACK: f32 = 0.02;
+const STEP_SLACK_M: f32 = 0.02;
 /// A body that steps to a place on its own level is lifted by this much, in metres, so that it does
 /// not scrape along the floor.
-const LIFT: f32 = 0.02;
+const LIFT_M: f32 = 0.02;
 /// The deepest fall on a path, in metres.
-const DROP: f32 = 4.0;
+const DROP_M: f32 = 4.0;
 /// The height of a fall is found to this precision, in metres.
-const FALL_PRECISION: f32 = 0.01;
+const FALL_PRECISION_M: f32 = 0.01;
 /// The depth of a fall that is tried first, in metres.
-const SHALLOW: f32 = 2.0 * LIFT;
+const SHALLOW_M: f32 = 2.0 * LIFT_M;
 /// Floors in one column are at least this far apart, in metres. Closer ones count as one.
-const STOREY: f32 = 1.0;
+const STOREY_M: f32 = 1.0;
 /// The free space beside a body, in metres, so that it does not scrape along walls.
-const CLEARANCE: f32 = 0.04;
+const CLEARANCE_M: f32 = 0.04;
 /// Half the width of the column in which a roof is searched for, in metres.
-const ROOF_PROBE: f32 = 0.05;
+const ROOF_PROBE_M: f32 = 0.05;
 /// Places on a straight part of a path differ in height by no more than this, in metres.
-const LEVEL: f32 = 0.1;
+const LEVEL_M: f32 = 0.1;
 /// The largest number of places of a grid. Each takes about 100 bytes.
 const PLACES_MAX: usize = 400_000;
 /// The distance between neighbouring places, as a share of the half width of a body: that of a fine
 /// grid, and of the coarse one that a large building gets. Bodies at neighbouring places of the
 /// coarse one still touch, so no wall is between them.
-const PITCHES: [f32; 2] = [1.25, 2.0];
+const SPACINGS: [f32; 2] = [1.25, 2.0];
 /// The largest number of places of a fine grid.
 const FINE_PLACES_MAX: usize = 100_000;
 /// The largest number of places that the search for a path visits.
@@ -46,15 +46,15 @@ const SEARCH_MAX: usize = 60_000;
 #[derive(Clone, Debug, Default)]
 pub struct Navigation {
     /// The distance between neighbouring places, in metres.
-    pitch: f32,
+    spacing_m: f32,
     /// The height of the eye above the soles, in metres.
     eye_height: f32,
     places: Vec<FloorPlace>,
     /// The places of each column of the grid.
     columns: HashMap<[i32; 2], Vec<u32>>,
     /// The indices of the places that can all be reached from each other, in ascending order.
-    home: Vec<u32>,
-    /// The places of `home` that are worth going to.
+    connected: Vec<u32>,
+    /// The places of `connected` that are worth going to.
     goals: Vec<u32>,
 }
 
@@ -74,20 +74,21 @@ impl Navigation {
     /// Finds all places that can be reached from the world's spawn points. This takes seconds for a
     /// large building, whose grid is coarser.
     pub fn new(world: &World) -> Self {
-        let [fine, coarse] = PITCHES.map(|pitch| (pitch * world.body.half_width).max(0.2));
+        let [fine, coarse] = SPACINGS.map(|spacing_m| (spacing_m * world.body.half_width).max(0.2));
         let navigation = Self::grid(world, fine.min(0.3), FINE_PLACES_MAX);
         let is_whole = navigation.places.len() < FINE_PLACES_MAX;
         let mut navigation =
             if is_whole { navigation } else { Self::grid(world, coarse, PLACES_MAX) };
-        navigation.home = navigation.largest_component();
-        debug_assert!(navigation.home.is_sorted(), "the places of home ascend");
+        navigation.connected = navigation.largest_component();
+        debug_assert!(navigation.connected.is_sorted(), "the places of connected ascend");
         navigation.goals = navigation.indoors(world);
         navigation
     }
 
     /// A grid of this distance between neighbouring places, and of this number of places at most.
-    fn grid(world: &World, pitch: f32, places_max: usize) -> Self {
-        let mut navigation = Self { pitch, eye_height: world.body.below_eye, ..Self::default() };
+    fn grid(world: &World, spacing_m: f32, places_max: usize) -> Self {
+        let mut navigation =
+            Self { spacing_m, eye_height: world.body.below_eye, ..Self::default() };
         let probe = Probe::new(world);
         let mut open = VecDeque::new();
         for spawn in &world.spawns {
@@ -120,12 +121,12 @@ impl Navigation {
 
     /// The number of places that a body can go to and come back from.
     pub fn len(&self) -> usize {
-        self.home.len()
+        self.connected.len()
     }
 
     /// Whether there are no places.
     pub fn is_empty(&self) -> bool {
-        self.home.is_empty()
+        self.connected.is_empty()
     }
 
     /// A random place to go to, as an eye; `None` when there is none. Where much of the floor has a
@@ -138,16 +139,16 @@ impl Navigation {
         Some(self.eye(place))
     }
 
-    /// The places of `home` that have a roof; all places of `home` when few have one.
+    /// The places of `connected` that have a roof; all places of `connected` when few have one.
     fn indoors(&self, world: &World) -> Vec<u32> {
         let top = world.bounds().max.y;
         let has_roof = |&place: &u32| {
             let eye = self.eye(place);
             let above = Vec3::new(eye.x, top, eye.z);
-            world.octree.solid_in(&Aabb::new(eye, above).grown(ROOF_PROBE))
+            world.octree.solid_in(&Aabb::new(eye, above).grown(ROOF_PROBE_M))
         };
-        let roofed: Vec<u32> = self.home.iter().copied().filter(has_roof).collect();
-        if roofed.len() * 4 < self.home.len() { self.home.clone() } else { roofed }
+        let roofed: Vec<u32> = self.connected.iter().copied().filter(has_roof).collect();
+        if roofed.len() * 4 < self.connected.len() { self.connected.clone() } else { roofed }
     }
 
     /// A short path from one eye to another, as eyes to walk to in straight lines, one after the
@@ -174,12 +175,12 @@ impl Navigation {
 
     /// The column of the grid that a point is in.
     fn column(&self, point: Vec3) -> [i32; 2] {
-        [(point.x / self.pitch).round() as i32, (point.z / self.pitch).round() as i32]
+        [(point.x / self.spacing_m).round() as i32, (point.z / self.spacing_m).round() as i32]
     }
 
     /// The point in the middle of a column, at the height of the soles.
     fn point(&self, [x, z]: [i32; 2], sole: f32) -> Vec3 {
-        Vec3::new(x as f32 * self.pitch, sole, z as f32 * self.pitch)
+        Vec3::new(x as f32 * self.spacing_m, sole, z as f32 * self.spacing_m)
     }
 
     /// The eye of a body that stands at a place.
@@ -191,7 +192,7 @@ impl Navigation {
     /// The place of a column at this height, if it is known.
     fn find(&self, column: [i32; 2], sole: f32) -> Option<u32> {
         let storeys = self.columns.get(&column)?;
-        let is_it = |place: &u32| (self.places[*place as usize].sole - sole).abs() < STOREY * 0.5;
+        let is_it = |place: &u32| (self.places[*place as usize].sole - sole).abs() < STOREY_M * 0.5;
         storeys.iter().copied().find(is_it)
     }
 
@@ -214,7 +215,7 @@ impl Navigation {
             .filter_map(|column| self.columns.get(&column))
             .flatten()
             .copied()
-            .filter(|place| (self.places[*place as usize].sole - sole).abs() < STOREY)
+            .filter(|place| (self.places[*place as usize].sole - sole).abs() < STOREY_M)
             .min_by(|a, b| {
                 let distance = |place: u32| self.eye(place).distance_squared(eye);
                 distance(*a).total_cmp(&distance(*b))
@@ -289,7 +290,8 @@ impl Navigation {
                 }
             };
             let Some(found) = found else { return false };
-            if (self.places[found as usize].sole - self.places[place as usize].sole).abs() > LEVEL {
+            if (self.places[found as usize].sole - self.places[place as usize].sole).abs() > LEVEL_M
+            {
                 return false;
             }
             (at, place) = (next, found);
@@ -369,8 +371,8 @@ struct Probe<'a> {
 impl<'a> Probe<'a> {
     fn new(world: &'a World) -> Self {
         let body = world.body;
-        let half_width = body.half_width + CLEARANCE;
-        let step_up = body.step_height() - STEP_SLACK;
+        let half_width = body.half_width + CLEARANCE_M;
+        let step_up = body.step_height() - STEP_SLACK_M;
         Self { world, half_width, height: body.below_eye + body.above_eye, step_up }
     }
 
@@ -400,19 +402,19 @@ impl<'a> Probe<'a> {
     }
 
     /// The height of the soles after a fall from a free point; `None` when it is deeper than
-    /// [`DROP`].
+    /// [`DROP_M`].
     fn fall(&self, sole: Vec3) -> Option<f32> {
         let is_solid = |depth: f32| self.world.octree.solid_in(&self.region(sole, -depth, 0.0));
-        let deepest = DROP + self.step_up;
+        let deepest = DROP_M + self.step_up;
         // Mostly the floor is just below.
-        let [mut free, mut solid] = if is_solid(SHALLOW) {
-            [0.0, SHALLOW]
+        let [mut free, mut solid] = if is_solid(SHALLOW_M) {
+            [0.0, SHALLOW_M]
         } else if is_solid(deepest) {
-            [SHALLOW, deepest]
+            [SHALLOW_M, deepest]
         } else {
             return None;
         };
-        while solid - free > FALL_PRECISION {
+        while solid - free > FALL_PRECISION_M {
             let middle = 0.5 * (free + solid);
             if is_solid(middle) { solid = middle } else { free = middle }
         }
@@ -422,8 +424,8 @@ impl<'a> Probe<'a> {
     /// The height of the soles after a step to a neighbouring point; `None` when there is no way.
     fn step(&self, from: Vec3, to: Vec3) -> Option<f32> {
         // Where there is room on the body's own level, it does not climb.
-        if self.is_free(to, LIFT, LIFT + self.height) {
-            return self.fall(to + Vec3::Y * LIFT);
+        if self.is_free(to, LIFT_M, LIFT_M + self.height) {
+            return self.fall(to + Vec3::Y * LIFT_M);
         }
         let (up, over) = (from + Vec3::Y * self.step_up, to + Vec3::Y * self.step_up);
         (self.is_free(up, 0.0, self.height) && self.is_free(over, 0.0, self.height))

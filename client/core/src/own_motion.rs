@@ -11,8 +11,8 @@ const KEPT: usize = 16;
 
 /// The poses of the own avatar as the caller set them last.
 ///
-/// A timer fires late on a busy machine, and by then the avatar is elsewhere. A client reports where
-/// it was at its tick, so that it seems to be off its course no more often than it is.
+/// A timer fires late on a busy machine, and by then the avatar is elsewhere. A client reports
+/// where it was at its tick, so that it seems to be off its course no more often than it is.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct OwnMotion {
     /// The last poses and their times, oldest first: at most [`KEPT`].

@@ -20,7 +20,7 @@ use crate::{
     replica::{Event, Outgoing, Replica, ReplicaError},
 };
 
-/// Who is put no farther away than this, in metres, goes on where it was.
+/// An avatar that is put no farther away than this, in metres, goes on where it was.
 const GOES_ON_M: f32 = 1.0;
 /// The number of events kept for the caller. Beyond it, the oldest are dropped.
 const EVENTS_MAX: usize = 1_024;
@@ -234,7 +234,7 @@ impl Presence {
         self.link = link;
     }
 
-    /// Moves over into another world: the client is given a place there. Who goes on near its
+    /// Moves over into another world: the client is given a place there. One that goes on near its
     /// former place looks where it looked.
     fn move_over(&mut self, from: &Pose, given: Pose) -> Pose {
         let goes_on = from.eye.distance(given.eye) < GOES_ON_M;

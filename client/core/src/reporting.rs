@@ -198,7 +198,8 @@ impl Reporter {
         let elapsed = self.tick_time(now).saturating_sub(last.made);
         let course = last.pose.on_course(elapsed, &self.agility);
         let is_there = tolerance.holds(&course, &self.moving(now, pose), &self.agility);
-        // No promise depends on how an avatar is turned, and many a small turn is taken back at once.
+        // No promise depends on how an avatar is turned, and many a small turn is taken back at
+        // once.
         let radians = tolerance.radians + if self.was_turned { 0.0 } else { LARGE_TURN };
         let is_turned = !Tolerance { radians, ..*tolerance }.holds_turn(&course, pose);
         if !is_there || is_turned {

@@ -13,7 +13,7 @@ const NEAR_M: f32 = 0.12;
 const STUCK_S: f32 = 2.0;
 /// How fast people turn to go on, in radians a second.
 const TURN_SPEED: f32 = 3.0;
-/// Who must turn by more than this stands meanwhile, in radians.
+/// A walker that must turn by more than this stands meanwhile, in radians.
 const TURN_FIRST: f32 = 1.2;
 
 /// The places that a body walks to, one after the other. The default has none.

@@ -7,12 +7,12 @@ use super::{
     view::BandView,
 };
 
-/// The number of pixels in a block.
 /// The number of rows of a band: whole blocks.
 pub(super) const BAND_ROWS: usize = 136;
 
 const _: () = assert!(BAND_ROWS.is_multiple_of(BLOCK));
 
+/// The number of pixels in a block.
 const PIXELS: usize = BLOCK * BLOCK;
 
 /// The bits of each byte, one by one.

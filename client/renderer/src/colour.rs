@@ -36,7 +36,8 @@ pub(super) fn of_material(material: &Material) -> u32 {
 #[inline(always)]
 pub(super) fn hazed(colour: u32, distance: f32) -> u32 {
     let share = distance / (HAZE_M + distance);
-    // The lowest bits of so large a number count ones; this takes less time than a cast.
+    // At this size one step of a float is 1, so its lowest bits hold the whole number. This takes
+    // less time than a cast.
     let share = (share * share * 256.0 + 8_388_608.0).to_bits() & 0x1ff;
     let mix = |mask: u32| {
         let (from, to) = (colour >> 8 & mask, HORIZON_COLOUR >> 8 & mask);
@@ -104,7 +105,7 @@ pub(super) fn sky_line(first: Vec3A, step: Vec3A) -> [u32; BLOCK] {
         let share = height.abs().sqrt();
         for channel in 0..3 {
             let toward = if height > 0.0 { toward_zenith[channel] } else { toward_ground[channel] };
-            // The lowest bits of so large a number count ones; this takes less time than a cast.
+            // The lowest bits hold the whole number, as above.
             let level = (HORIZON[channel] + toward * share + 8_388_608.0).to_bits() & 0xff;
             *colour = *colour << 8 | level;
         }

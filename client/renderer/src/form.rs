@@ -171,8 +171,8 @@ fn edges(view: &BandView, from: Vec2, scale: f32) -> [Vec2; 3] {
     view.axes.map(|step| (Vec2::new(step.x, step.y) - from * step.z) * scale)
 }
 
-/// The greatest relative difference between the depth of a centre and depths that are at most `reach`
-/// away from it.
+/// The greatest relative difference between the depth of a centre and depths that are at most
+/// `reach` away from it.
 #[inline(always)]
 fn deviation(reach: f32, depth: f32) -> f32 {
     reach / (depth - reach).max(f32::MIN_POSITIVE)

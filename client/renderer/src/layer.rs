@@ -3,7 +3,7 @@
 //! A layer is a box one voxel thick. A line of sight that enters through the side towards the eye
 //! shows the voxel where it meets the plane of that side. Its place is two quotients of numbers
 //! that are linear in the pixel. A line of sight that enters through a narrow side shows the voxel
-//! where it enters. So both modes of the renderer show the same voxel, at any distance and size.
+//! where it enters. So all modes of the renderer show the same voxel, at any distance and size.
 
 use glam::Vec3A;
 
@@ -157,7 +157,7 @@ impl Layer {
     }
 }
 
-/// A number so large that its lowest bits count ones.
+/// At this size one step of a float is 1, so its lowest bits hold a whole number.
 const ONES: f32 = 12_582_912.0;
 
 /// The whole part of a number clamped to 0 and `last`, plus [`ONES`].

@@ -1,9 +1,9 @@
 //! Which parts of an octree that still arrives a picture shows.
 //!
-//! What is missing has stand-ins that fill all of its space. So nothing that a picture needs is
+//! Stand-ins fill all space that is missing. So nothing that a picture needs is
 //! behind what it does not show: once the branches that it shows are there, it is the picture of
-//! the whole octree. Of glass it shows the pane that is nearest to the eye. A node counts as glass when
-//! all below is glass, so its stand-in has a pane, too, wherever the node has one.
+//! the whole octree. Of glass it shows the pane that is nearest to the eye. A node counts as glass
+//! when all below is glass, so its stand-in has a pane, too, wherever the node has one.
 
 use std::collections::BTreeMap;
 
@@ -14,8 +14,8 @@ use sightline_world::octree::pieces::PartialOctree;
 use super::{Camera, Frame, view::View};
 
 /// The branches that a picture shows, in ascending order, as told by every `step`th pixel of every
-/// `step`th row: that of what the pixel shows, and that of the glass before it. The picture must have
-/// been drawn of this octree with this camera.
+/// `step`th row: that of what the pixel shows, and that of the glass before it. The picture must
+/// have been drawn of this octree with this camera.
 pub fn shown_branches(
     frame: &Frame,
     camera: &Camera,
@@ -33,8 +33,9 @@ pub fn shown_branches(
             let pane = frame.panes.depth_at([x, y]);
             for (layer, depth) in [Some(opaque), pane].into_iter().enumerate() {
                 let Some(depth) = depth.filter(|depth| depth.is_finite()) else { continue };
-                // A depth is that of the middle of a voxel, or of a node as large as a pixel. The line
-                // of sight may pass beside it, and it may belong to the branch next to that of the line.
+                // A depth is that of the middle of a voxel, or of a node as large as a pixel. The
+                // line of sight may pass beside it, and it may belong to the branch next to that of
+                // the line.
                 let beside = Vec3::splat(voxel + depth / view.focal());
                 let point = camera.eye + ray * depth;
                 let corners =
@@ -50,7 +51,8 @@ pub fn shown_branches(
 struct Finder<'a> {
     octree: &'a PartialOctree,
     shown: BTreeMap<u32, f32>,
-    /// The last places around what is seen, and around glass, and the least depth since they are those.
+    /// The last places around what is seen, and around glass, and the least depth since they are
+    /// those.
     runs: [Option<([[i32; 3]; 2], f32)>; 2],
 }
 

@@ -6,8 +6,8 @@
 //!
 //! * A form pattern is made once for a node, and saves the projection of what lies below. It pays
 //!   where much lies below: where voxels span few pixels.
-//! * A layer saves the outline of each voxel, and costs two quotients for each pixel. It pays unless
-//!   voxels are so large that one outline writes many blocks of pixels at once.
+//! * A layer saves the outline of each voxel, and costs two quotients for each pixel. It pays
+//!   unless voxels are so large that one outline writes many blocks of pixels at once.
 
 use super::Mode;
 

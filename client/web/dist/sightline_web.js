@@ -73,8 +73,8 @@ export class Client {
         wasm.client_give(this.__wbg_ptr, ptr0, len0);
     }
     /**
-     * Gives what was at the path of pieces; nothing when it could not be had. Then they are asked for
-     * again.
+     * Gives what was at the path of pieces; nothing when it could not be had. Then they are asked
+     * for again.
      * @param {string} path
      * @param {Uint8Array | number[] | null} [bytes]
      */
@@ -194,8 +194,8 @@ export class Client {
         return this;
     }
     /**
-     * The path of pieces to fetch now, if there are any. Those that are under way and these take at
-     * most so many bytes, or are one.
+     * The path of pieces to fetch now, if there are any. Those that are under way and these take
+     * at most so many bytes, or are one.
      * @param {number} bytes_max
      * @returns {string | undefined}
      */

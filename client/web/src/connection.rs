@@ -376,8 +376,8 @@ impl Connection {
         self.world.as_ref().and_then(|known| known.head)
     }
 
-    /// Asks to enter a world that is here: for the first time, on another connection, or in place of
-    /// the one before.
+    /// Asks to enter a world that is here: for the first time, on another connection, or in place
+    /// of the one before.
     fn enter(&mut self, number: u32, world: Arc<World>) {
         let Some((avatar, interval)) = self.welcomed else { return };
         let enters = match &mut self.presence {

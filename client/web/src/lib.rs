@@ -1,11 +1,11 @@
 //! The client for browsers: what a page calls to be in a building.
 //!
 //! A page carries the bytes and shows the pictures; everything else is here. There is one
-//! [`Client`] on a page. The page gives it what arrives ([`Client::control`],
-//! [`Client::datagram`]) and sends what it has to say ([`Client::take_control`],
-//! [`Client::take_datagram`]). It fetches the world that the client wants ([`Client::wanted`]), or
-//! its pieces ([`Client::next_pieces`]), moves the body ([`Client::step`]) and draws ([`Client::draw`]). Times are milliseconds since
-//! the page was opened. What a page shows in words comes as JSON ([`Client::state`]).
+//! [`Client`] on a page. The page gives it what arrives ([`Client::control`], [`Client::datagram`])
+//! and sends what it has to say ([`Client::take_control`], [`Client::take_datagram`]). It fetches
+//! the world that the client wants ([`Client::wanted`]), or its pieces ([`Client::next_pieces`]),
+//! moves the body ([`Client::step`]) and draws ([`Client::draw`]). Times are milliseconds since the
+//! page was opened. What a page shows in words comes as JSON ([`Client::state`]).
 //!
 //! There is no socket, no clock and no thread. `page/` has the page itself.
 
@@ -125,8 +125,8 @@ impl Client {
         self.connection.give(bytes);
     }
 
-    /// The path of pieces to fetch now, if there are any. Those that are under way and these take at
-    /// most so many bytes, or are one.
+    /// The path of pieces to fetch now, if there are any. Those that are under way and these take
+    /// at most so many bytes, or are one.
     pub fn next_pieces(&mut self, bytes_max: usize) -> Option<String> {
         let scene = self.scene.as_mut()?;
         let head = scene.head?;
@@ -135,8 +135,8 @@ impl Client {
         (!numbers.is_empty()).then(|| format!("pieces/{head}/{}", numbers.join(",")))
     }
 
-    /// Gives what was at the path of pieces; nothing when it could not be had. Then they are asked for
-    /// again.
+    /// Gives what was at the path of pieces; nothing when it could not be had. Then they are asked
+    /// for again.
     pub fn give_pieces(&mut self, path: &str, bytes: Option<Vec<u8>>) {
         let Some(scene) = &mut self.scene else { return };
         let Some(head) = scene.head else { return };

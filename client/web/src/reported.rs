@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use serde::Serialize;
-use sightline_client_core::{replica::VisibleAvatar, words};
+use sightline_client_core::{replica::ShownAvatar, words};
 
 use crate::{
     connection::{Connection, Ending, Stage},
@@ -111,13 +111,13 @@ fn people(connection: &Connection, scene: Option<&Scene>, now: Duration) -> Vec<
         return Vec::new();
     }
     let eye = scene.walk.pose().eye;
-    let mut told = presence.replica.visible(now);
+    let mut told = presence.replica.shown_avatars(now);
     told.sort_by(|a, b| {
-        let metres = |of: &VisibleAvatar| of.pose.eye.distance(eye);
+        let metres = |of: &ShownAvatar| of.pose.eye.distance(eye);
         metres(a).total_cmp(&metres(b))
     });
     told.truncate(PEOPLE_MAX);
-    let person = |of: VisibleAvatar| Person {
+    let person = |of: ShownAvatar| Person {
         in_sight: scene.seen().iter().any(|seen| seen.id == of.id),
         metres: of.pose.eye.distance(eye).round() as u32,
         colour: format!("#{:02x}{:02x}{:02x}", of.colour[0], of.colour[1], of.colour[2]),

@@ -7,7 +7,7 @@ use serde::Serialize;
 use sightline_client_core::{
     arriving::ArrivingWorld,
     fetching::{Outlook, PieceError, ShownBranch},
-    replica::{AvatarSource, Replica, VisibleAvatar},
+    replica::{AvatarSource, Replica, ShownAvatar},
 };
 use sightline_renderer::{
     Camera, Frame, Renderer,
@@ -24,13 +24,13 @@ use sightline_world::{
 
 use crate::walk::Walk;
 
-/// A view that has not changed for so long is drawn with more pixels.
+/// A view that has not changed for this long is drawn with more pixels.
 const RESTS: Duration = Duration::from_millis(400);
 /// The least horizontal field of view, in radians: on an upright screen the vertical one grows.
 const FOV_X_MIN: f32 = 0.95;
 
-/// The most bytes of pieces that are taken in at a time, or one piece: taking them in holds pictures
-/// up.
+/// The most bytes of pieces that are taken in at a time, or one piece: taking them in holds
+/// pictures up.
 const TAKEN_BYTES: usize = 24 * 1_024;
 /// The most pieces of a request.
 const REQUEST_MAX: usize = 256;
@@ -72,7 +72,7 @@ pub(crate) struct Scene {
     in_view: Option<InView>,
     /// The camera and how many pieces were taken in, and since when it has been those.
     view: ((Camera, u64), Duration),
-    seen: Vec<VisibleAvatar>,
+    seen: Vec<ShownAvatar>,
     plan: Option<Plan>,
     sketch: Option<PlanSketch>,
     /// Pieces that have come and are not taken in yet.
@@ -265,7 +265,7 @@ impl Scene {
     }
 
     /// The avatars of which at least one pixel is shown.
-    pub(crate) fn seen(&self) -> &[VisibleAvatar] {
+    pub(crate) fn seen(&self) -> &[ShownAvatar] {
         &self.seen
     }
 

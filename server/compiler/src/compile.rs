@@ -35,10 +35,12 @@ const MARGIN: Vec3 = Vec3::new(4.0, 3.0, 4.0);
 const PAIRS_ABOUT: f64 = 2.5e7;
 /// `--cell` may ask for about this many pairs: some gigabytes and some minutes.
 const PAIRS_MAX: f64 = 1.0e9;
-/// Each space adds this many pairs to [`PAIRS_ABOUT`], so that large buildings get no coarser cells.
+/// Each space adds this many pairs to [`PAIRS_ABOUT`], so that large buildings get no coarser
+/// cells.
 const PAIRS_PER_SPACE: f64 = 2_000.0;
 
-/// A quick compilation has voxels that are wider by this factor, unless the author chose their size.
+/// A quick compilation has voxels that are wider by this factor, unless the author chose their
+/// size.
 const QUICK_VOXEL: f32 = 2.0;
 
 /// How much time a compilation takes for a good world.
@@ -47,9 +49,9 @@ pub enum Quality {
     /// A world to keep.
     #[default]
     Fine,
-    /// A world to begin with, in a small part of the time: a cell is a whole space, voxels are twice
-    /// as wide, and surfaces are not lit. Nobody is missed in it, but more people are told of each
-    /// other than in the fine world.
+    /// A world to begin with, in a small part of the time: a cell is a whole space, voxels are
+    /// twice as wide, and surfaces are not lit. Nobody is missed in it, but more people are told of
+    /// each other than in the fine world.
     Quick,
 }
 

@@ -14,8 +14,9 @@
 //! [`rooms`] resolves the rooms that an author declares, once the cells are known. Whatever a stage
 //! cannot handle makes the PVS larger, never wrong.
 //!
-//! Other modules look at a compiled world: [`verdict`] says in plain words what walls hide, [`verify`] compares its PVS with rays, [`plan`] draws it
-//! from above, [`suggest`] proposes rooms, [`light_check`] compares light with traced paths, [`carve_preview`] draws what carving does, and
+//! Other modules look at a compiled world: [`verdict`] says in plain words what walls hide,
+//! [`verify`] compares its PVS with rays, [`plan`] draws it from above, [`suggest`] proposes rooms,
+//! [`light_check`] compares light with traced paths, [`carve_preview`] draws what carving does, and
 //! [`octree_statistics`] counts voxels and bytes.
 //!
 //! ```

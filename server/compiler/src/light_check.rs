@@ -1,7 +1,7 @@
 //! Compares radiosity with a reference: pictures by paths of light, traced one by one.
 //!
-//! Both pictures show the original triangles, not voxels, and take the mean colour of each patch, so
-//! that they differ in light alone.
+//! Both pictures show the original triangles, not voxels, and take the mean colour of each patch,
+//! so that they differ in light alone.
 
 use std::ops::ControlFlow;
 

@@ -220,8 +220,8 @@ impl SurfaceMaterial {
         Self { colour, texture: None, glass: false, emission: [0.0; 3] }
     }
 
-    /// A material that stops bodies, and is neither drawn nor blocks sight: black glass, which tints
-    /// nothing.
+    /// A material that stops bodies, and is neither drawn nor blocks sight: black glass, which
+    /// tints nothing.
     pub fn unseen() -> Self {
         Self { glass: true, ..Self::opaque([0; 3]) }
     }

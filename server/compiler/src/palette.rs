@@ -9,8 +9,8 @@ use sightline_world::light::GAMMA;
 
 use crate::model::{Surface, SurfaceMaterial};
 
-/// The least value of a channel of glass, from 0 to 1. The palette of the octree keeps it apart from
-/// black.
+/// The least value of a channel of glass, from 0 to 1. The palette of the octree keeps it apart
+/// from black.
 const GLASS_LEAST: f32 = 0.13;
 
 /// The mean of a texture is that of about this many of its texels.

@@ -1,10 +1,10 @@
 //! The engine over a recorded trace, in virtual time and without sockets.
 //!
-//! [`run`] takes a [`World`], a [`Trace`] and [`ReplayOptions`], and returns a [`ReplayReport`]. Each
-//! avatar of the trace has a simulated client with a real replica. Its messages are the bytes of the
-//! wire and travel over a simulated network ([`NetworkConditions`]). The engine decides what each client is told, exactly
-//! as it does for `serve`, and the report says what that costs each client. [`Comparison`] puts the
-//! reports of several policies side by side.
+//! [`run`] takes a [`World`], a [`Trace`] and [`ReplayOptions`], and returns a [`ReplayReport`].
+//! Each avatar of the trace has a simulated client with a real replica. Its messages are the bytes
+//! of the wire and travel over a simulated network ([`NetworkConditions`]). The engine decides what
+//! each client is told, exactly as it does for `serve`, and the report says what that costs each
+//! client. [`Comparison`] puts the reports of several policies side by side.
 //!
 //! An audit compares what the clients hold with what rays against the building's triangles find
 //! visible. It counts misses and over-send ([`OracleReport`]). [`run_watched`] shows each tick

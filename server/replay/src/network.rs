@@ -317,8 +317,8 @@ impl SimulatedNetwork {
         let id = LinkId::of(packet);
         let next_arrival = now + self.tick + self.next_way(id.client);
         let link = self.links.entry(id).or_default();
-        // Each course is sent twice. When both are lost, it comes again much later, and for a viewer
-        // so it does when it is lost then.
+        // Each course is sent twice. When both are lost, it comes again much later, and for a
+        // viewer so it does when it is lost then.
         let is_repetition = link.repeats_at.is_some_and(|at| at + 2 * self.tick >= now);
         let delay = if is_repetition { RESEND_TICKS } else { 2 } * self.tick;
         link.repeats_at = Some(now + if id.is_up { 2 * self.tick } else { delay });

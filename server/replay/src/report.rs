@@ -143,7 +143,8 @@ pub struct OracleReport {
     pub pairs_visible: u64,
     /// Pairs whose avatar the viewer's client held.
     pub pairs_held: u64,
-    /// Held pairs whose avatar was visible, or could be within the horizon, as far as sampling finds.
+    /// Held pairs whose avatar was visible, or could be within the horizon, as far as sampling
+    /// finds.
     pub pairs_foreseen: u64,
     /// Visible pairs that were not held, without an excuse.
     pub misses: u64,
@@ -170,8 +171,9 @@ pub struct OracleReport {
     /// courses that stay within 5 cm of its way while somebody sees it. No client can do that. It
     /// is a yardstick for [`ReplayReport::reports_from_client`].
     pub floor_reports: f64,
-    /// The share of time in which nobody sees an avatar, so that the floor has no course of it, from
-    /// 0 to 1. Between two comparisons an avatar counts as seen when it was seen at one of them.
+    /// The share of time in which nobody sees an avatar, so that the floor has no course of it,
+    /// from 0 to 1. Between two comparisons an avatar counts as seen when it was seen at one of
+    /// them.
     pub floor_hidden_share: f64,
     /// The distance of the place at which a visible avatar is shown from where it is now, in
     /// metres: the median.

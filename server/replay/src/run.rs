@@ -109,7 +109,8 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// The state once the engine has decided at a tick. `done` is the share of the run that is done.
+    /// The state once the engine has decided at a tick. `done` is the share of the run that is
+    /// done.
     pub(super) fn view<'b>(
         &'b self,
         now: Duration,

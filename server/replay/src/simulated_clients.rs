@@ -247,7 +247,8 @@ impl<'a> SimulatedClients<'a> {
         self.pose_of(self.trace_id(avatar), at)
     }
 
-    /// The true pose of an avatar at a time, by the trace's id; `None` when the trace has none then.
+    /// The true pose of an avatar at a time, by the trace's id; `None` when the trace has none
+    /// then.
     pub(super) fn pose_of(&self, id: u32, at: Duration) -> Option<Pose> {
         let pose = self.trace.pose_at(id, at, self.agility.fall_max)?;
         Some(Pose { eye: self.confines.clamp(pose.eye), ..pose })

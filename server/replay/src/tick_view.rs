@@ -87,8 +87,8 @@ impl<'a> TickView<'a> {
         self.network.is_overdue(self.now, avatar)
     }
 
-    /// Whether, when the engine last accepted a report of a client, one of the client's messages had
-    /// recently taken longer than the engine allows for.
+    /// Whether, when the engine last accepted a report of a client, one of the client's messages
+    /// had recently taken longer than the engine allows for.
     pub fn was_late_when_heard(&self, avatar: AvatarId) -> bool {
         let heard = self.last_report(avatar).unwrap_or(self.now);
         self.network.is_late(heard.min(self.now), avatar)

@@ -21,8 +21,8 @@ pub fn point(text: &str) -> Result<Vec3, String> {
     }
 }
 
-/// Parses a spawn point: the eye in metres and, if given, the heading in degrees, anticlockwise from
-/// -z. Such as `1.5,1.6,-2` or `1.5,1.6,-2,90`.
+/// Parses a spawn point: the eye in metres and, if given, the heading in degrees, anticlockwise
+/// from -z. Such as `1.5,1.6,-2` or `1.5,1.6,-2,90`.
 ///
 /// # Errors
 /// When the text is anything but three or four finite numbers.

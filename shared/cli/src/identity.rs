@@ -65,8 +65,9 @@ impl Identity {
         Self::keep_in(&folder.join("identity.pem"))
     }
 
-    /// The certificate in a file, which is made now if there is none. One file holds the certificate
-    /// and its key, so that neither can be lost without the other. Only its owner may read it.
+    /// The certificate in a file, which is made now if there is none. One file holds the
+    /// certificate and its key, so that neither can be lost without the other. Only its owner may
+    /// read it.
     ///
     /// # Errors
     /// When the file cannot be read or written, or holds something else.

@@ -29,8 +29,8 @@ pub enum LogFormat {
 /// Starts to write log lines to stderr: those that the variable `RUST_LOG` selects, or else those
 /// of `default_filter`, such as `info` or `warn,winit=error`. Call it once.
 ///
-/// A filter is a list of `LEVEL` for all modules and `MODULE=LEVEL`, separated by commas. Filters by
-/// spans and fields, which need regular expressions, are not understood.
+/// A filter is a list of `LEVEL` for all modules and `MODULE=LEVEL`, separated by commas. Filters
+/// by spans and fields, which need regular expressions, are not understood.
 ///
 /// # Panics
 /// When `default_filter` is not well formed, or a log is written already.
@@ -84,7 +84,8 @@ mod tests {
 
     use super::*;
 
-    /// What is logged of a text that a peer wrote: as a field each way, and as a part of the message.
+    /// What is logged of a text that a peer wrote: as a field each way, and as a part of the
+    /// message.
     fn logged(format: LogFormat, text: &str) -> String {
         #[derive(Clone, Default)]
         struct Kept(Arc<Mutex<Vec<u8>>>);

@@ -35,8 +35,8 @@ impl FromStr for Fingerprint {
     }
 }
 
-/// The first 80 bits of the BLAKE3 hash of a visitor's public key, as a SubjectPublicKeyInfo in DER,
-/// or of the secret of a visitor with a browser. It is short enough to be read out and typed.
+/// The first 80 bits of the BLAKE3 hash of a visitor's public key, as a SubjectPublicKeyInfo in
+/// DER, or of the secret of a visitor with a browser. It is short enough to be read out and typed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct KeyFingerprint(pub [u8; KEY_BYTES]);
 

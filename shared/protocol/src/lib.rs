@@ -13,9 +13,9 @@
 //!
 //! A connection has one bidirectional stream, which the client opens. The server opens a
 //! unidirectional stream to send the world when it is asked for it. Where the world is offered in
-//! pieces, the client may open a second bidirectional stream for them. No floating-point number is on
-//! the wire, so no NaN is either. No length, index or character is trusted: a value that decodes is
-//! valid.
+//! pieces, the client may open a second bidirectional stream for them. No floating-point number is
+//! on the wire, so no NaN is either. No length, index or character is trusted: a value that decodes
+//! is valid.
 //!
 //! This crate knows no socket. A server sends a pose like this:
 //!

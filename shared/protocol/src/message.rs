@@ -99,8 +99,8 @@ pub enum ServerMessage {
         /// The time between ticks, in microseconds.
         tick_interval_us: NonZeroU32,
     },
-    /// Refuses a client, in answer to its hello. The connection closes. It stays the second message,
-    /// and [`Refusal::Version`] the first refusal, so that every version can read it.
+    /// Refuses a client, in answer to its hello. The connection closes. It stays the second
+    /// message, and [`Refusal::Version`] the first refusal, so that every version can read it.
     Refused {
         /// The reason.
         reason: Refusal,

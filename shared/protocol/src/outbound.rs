@@ -78,7 +78,8 @@ impl Outbound {
 
     /// Whether there may be a datagram to send at a tick. Call it at every tick.
     pub fn has_poses(&mut self, tick: u32) -> bool {
-        // A server that cannot keep up skips numbers of ticks. They may then all be odd, or all even.
+        // A server that cannot keep up skips numbers of ticks. They may then all be odd, or all
+        // even.
         let is_after_skipped = tick.saturating_sub(self.last_tick) > 1;
         self.last_tick = tick;
         let is_turn = self.encoder.told_len() < CROWD

@@ -1,8 +1,8 @@
 //! What travels on the stream by which a native client gets pieces of a world.
 //!
-//! The client opens the stream, and begins with the number of the world. Then it sends requests: how
-//! many pieces, and their numbers. The server answers each request in order: of each piece the number
-//! and the length, and then its bytes. All integers have the lowest byte first.
+//! The client opens the stream, and begins with the number of the world. Then it sends requests:
+//! how many pieces, and their numbers. The server answers each request in order: of each piece the
+//! number and the length, and then its bytes. All integers have the lowest byte first.
 
 use super::DecodeError;
 

@@ -120,7 +120,7 @@ fn fit(text: &str, chars_max: usize) -> Result<String, TextError> {
     if text.chars().count() > chars_max {
         return Err(TextError::TooLong(chars_max));
     }
-    if !text.chars().all(is_shown) {
+    if !text.chars().all(is_shown) || text.chars().all(selects_form) {
         return Err(TextError::Unprintable);
     }
     Ok(text.to_owned())
@@ -147,6 +147,11 @@ fn is_shown(c: char) -> bool {
             | Is::ParagraphSeparator
     );
     !is_without_form && !is_blank(c)
+}
+
+/// Whether a character only selects the form of the one before it.
+fn selects_form(c: char) -> bool {
+    matches!(c, '\u{fe00}'..='\u{fe0f}' | '\u{e0100}'..='\u{e01ef}')
 }
 
 /// Whether a character counts as a letter, a mark or a symbol, and shows nothing.
@@ -179,6 +184,8 @@ mod tests {
             ("a\nb", Err(TextError::Unprintable)),
             ("a\u{1b}[31mb", Err(TextError::Unprintable)),
             ("a\u{202e}b", Err(TextError::Unprintable)),
+            ("\u{fe0f}", Err(TextError::Unprintable)),
+            ("\u{e0101}\u{fe00}", Err(TextError::Unprintable)),
             (&long, Err(TextError::TooLong(NAME_CHARS_MAX))),
         ] {
             assert_eq!(Name::new(text).as_ref().map(Name::as_str), expected.as_ref().map(|t| *t));

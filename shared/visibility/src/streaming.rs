@@ -3,8 +3,8 @@
 //! A **viewpoint** is a space of the building, and a part is a branch of the octree
 //! ([`pieces`](sightline_world::octree::pieces)). A line of sight that is free of voxels is free of
 //! opaque triangles. Where it meets a voxel, it is in a cell, or at its edge. So a branch that an
-//! eye sees has voxels that touch a cell that the eye's cell sees by the PVS. All other branches are
-//! ruled out.
+//! eye sees has voxels that touch a cell that the eye's cell sees by the PVS. All other branches
+//! are ruled out.
 
 use glam::Vec3;
 use roaring::RoaringBitmap;

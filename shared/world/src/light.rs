@@ -1,9 +1,9 @@
 //! Light for what moves: probes on a grid, and how bright light is in a picture.
 //!
-//! The colours of voxels have their light baked in. Avatars and movers are lit by *probes*: points at
-//! which the compiler found the light that arrives on each side of a small cube (the ambient cube of
-//! Mitchell, McTaggart and Green 2006, "Shading in Valve's Source engine"). There are probes only
-//! where something may move.
+//! The colours of voxels have their light baked in. Avatars and movers are lit by *probes*: points
+//! at which the compiler found the light that arrives on each side of a small cube (the ambient
+//! cube of Mitchell, McTaggart and Green 2006, "Shading in Valve's Source engine"). There are
+//! probes only where something may move.
 
 use glam::{UVec3, Vec3};
 
@@ -38,8 +38,8 @@ pub fn shoulder(light: Vec3) -> Vec3 {
 /// The baked light of a world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BakedLight {
-    /// The factor from light to the picture. It is chosen once for a world, and is in the colours of
-    /// the voxels already.
+    /// The factor from light to the picture. It is chosen once for a world, and is in the colours
+    /// of the voxels already.
     pub exposure: f32,
     /// The light that the highest level of a probe stands for.
     pub brightest: f32,
@@ -69,13 +69,14 @@ pub struct ProbeGrid {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Probe {
     /// How much light arrives at the sides of a small cube that face -x, +x, -y, +y, -z and +z. The
-    /// highest level stands for [`BakedLight::brightest`], and 16 levels for a factor of two. Level 0
-    /// is no light.
+    /// highest level stands for [`BakedLight::brightest`], and 16 levels for a factor of two. Level
+    /// 0 is no light.
     pub levels: [u8; 6],
-    /// The colour of the light: linear red, green and blue, as shares of the greatest, which is 255.
+    /// The colour of the light: linear red, green and blue, as shares of the greatest, which is
+    /// 255.
     pub tint: [u8; 3],
-    /// Whether nothing lies between this point of the lattice and the next one along x, y and z: the
-    /// lowest three bits.
+    /// Whether nothing lies between this point of the lattice and the next one along x, y and z:
+    /// the lowest three bits.
     pub links: u8,
 }
 
@@ -97,8 +98,8 @@ pub fn places_beside(bounds: &Aabb) -> [Vec3; 6] {
 }
 
 impl BakedLight {
-    /// The light that arrives at a place, or None where none is known. Probes on the other side of a
-    /// wall do not count: `cells` say on which side the place is.
+    /// The light that arrives at a place, or None where none is known. Probes on the other side of
+    /// a wall do not count: `cells` say on which side the place is.
     pub fn at(&self, place: Vec3, cells: &Cells) -> Option<ArrivingLight> {
         let blend = |corners: Vec<(usize, f32)>| {
             let mut sum = ArrivingLight { sides: [0.0; 6], tint: Vec3::ZERO };

@@ -138,8 +138,8 @@ pub const WIRE_BOUNDARY_M: f32 = quanta(400) as f32;
 /// A reported eye may differ by this from where its motion puts it: rounding on the wire of both
 /// ends, and of the velocity for the time in between.
 pub const WIRE_POSE_M: f32 = quanta(1_000) as f32;
-/// A surface belongs to a solid if there is one this far from it: well beyond all rounding, and within
-/// the thinnest wall.
+/// A surface belongs to a solid if there is one this far from it: well beyond all rounding, and
+/// within the thinnest wall.
 pub const BESIDE_SURFACE_M: f64 = quanta(1_000);
 /// A movement budget begins with this much: [`WIRE_POSE_M`] at both ends of a movement.
 pub const BUDGET_ROUNDING_M: f64 = quanta(2_000);

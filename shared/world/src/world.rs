@@ -61,8 +61,8 @@ impl World {
         light.at(place, &self.cells).map(|arriving| arriving.shown(light.exposure))
     }
 
-    /// The light on a mover that fills a box, or None where none is known. Each side has the light of
-    /// the place beside it, so that the two sides of a door differ.
+    /// The light on a mover that fills a box, or None where none is known. Each side has the light
+    /// of the place beside it, so that the two sides of a door differ.
     pub fn light_around(&self, bounds: &Aabb) -> Option<ShownLight> {
         let mut around = ShownLight { sides: [0.0; 6], tint: Vec3::ZERO };
         for (side, place) in places_beside(bounds).into_iter().enumerate() {

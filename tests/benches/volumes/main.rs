@@ -1,6 +1,6 @@
 //! Two indices of avatars' volumes compared: the octree of moving boxes
-//! ([`sightline_world::octree::occupants`]; Sudarsky and Gotsman 1996, section 3.1.1), and a list of
-//! members for each convex space, as the engine has.
+//! ([`sightline_world::octree::occupants`]; Sudarsky and Gotsman 1996, section 3.1.1), and a list
+//! of members for each convex space, as the engine has.
 //!
 //! ```text
 //! cargo bench -p sightline-tests --bench volumes -- --volumes 1000,10000 --rooms 200

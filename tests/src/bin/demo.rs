@@ -14,8 +14,7 @@ use sightline_tests::demo::{self, DemoOptions};
 /// ends with a table: the same walk under four policies, and how they compare with rays against
 /// the building's triangles.
 ///
-/// The first run compiles the building, which takes about a minute. Later runs read it from
-/// the cache.
+/// The first run compiles the building. Later runs read it from the cache.
 #[derive(Parser)]
 #[command(name = "cargo demo", version)]
 struct Args {

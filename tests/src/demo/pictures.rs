@@ -13,7 +13,7 @@ use anyhow::Context;
 use glam::Vec3;
 use sightline_cli::progress::Progress;
 use sightline_client::net::Session;
-use sightline_client_core::replica::VisibleAvatar;
+use sightline_client_core::replica::ShownAvatar;
 use sightline_compiler::plan::{self, Mark, Overlay};
 use sightline_oracle::Oracle;
 use sightline_picture::Picture;
@@ -154,7 +154,7 @@ struct PictureMoment {
     pose: Pose,
     /// On the server's clock.
     time: Duration,
-    visible: Vec<VisibleAvatar>,
+    visible: Vec<ShownAvatar>,
     /// The avatar number and the true pose of each visitor.
     everybody: Vec<(u32, Pose)>,
 }
@@ -164,7 +164,7 @@ impl PictureMoment {
         let snapshots = visitors.snapshots();
         let visitors = snapshots.last().map_or(&[][..], |snapshot| &snapshot.visitors);
         let everybody = visitors.iter().map(|v| (v.avatar.0, v.pose)).collect();
-        let (pose, time, visible) = (you.pose(), you.server_time(), you.visible());
+        let (pose, time, visible) = (you.pose(), you.server_time(), you.shown_avatars());
         Self { pose, time, visible, everybody }
     }
 

@@ -29,9 +29,9 @@ const COURSE_ROUNDING_M: f32 = 0.005;
 const COURSE_TICKS: u32 = 12;
 /// The number of directions in which straight walks are tried.
 const DIRECTIONS: u16 = 16;
-/// The speed that a person reaches at once, in metres per second; and the acceleration beyond it,
-/// in metres per second squared.
+/// The speed that a person reaches at once, in metres per second.
 const DASH: f32 = 1.4;
+/// The acceleration beyond that speed, in metres per second squared.
 const ACCELERATION: f32 = 6.0;
 
 /// A violated invariant.
@@ -469,7 +469,8 @@ impl InvariantChecker {
         Tbv { within, ..*tbv }
     }
 
-    /// Whether a TBV holds all that its avatar can do, from one of the moments at which it is known.
+    /// Whether a TBV holds all that its avatar can do, from one of the moments at which it is
+    /// known.
     fn is_large_enough(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> bool {
         let agility = moment.engine.agility();
         let known = self.known(moment, id);
@@ -482,9 +483,9 @@ impl InvariantChecker {
         })
     }
 
-    /// How long after a moment a TBV must hold its avatar: until it expires; or until the client has
-    /// received it, plus the notice. When all reports were slower than the known round trip has it,
-    /// the engine takes the moment to be later than it was.
+    /// How long after a moment a TBV must hold its avatar: until it expires; or until the client
+    /// has received it, plus the notice. When all reports were slower than the known round trip has
+    /// it, the engine takes the moment to be later than it was.
     fn must_hold_for(
         &self,
         moment: &TickView<'_>,

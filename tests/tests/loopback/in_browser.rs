@@ -1,5 +1,5 @@
-//! The client for browsers, in a browser: it joins, sees and is seen, walks through doors, chats, and
-//! comes back after the server was lost.
+//! The client for browsers, in a browser: it joins, sees and is seen, walks through doors, chats,
+//! and comes back after the server was lost.
 
 use std::{net::SocketAddr, path::Path, time::Instant};
 
@@ -143,7 +143,7 @@ fn walk_and_see(page: &mut Browser, handle: &Handle, bo: &Session) {
     page.until("sightline.state().people.some(({ name, inSight }) => name === 'Bo' && inSight)");
     page.until("document.getElementById('sight').textContent.includes('Bo')");
     page.until("document.getElementById('around').textContent.includes('Bo')");
-    let seen = || bo.visible().iter().any(|other| other.name == "Ada");
+    let seen = || bo.shown_avatars().iter().any(|other| other.name == "Ada");
     handle.block_on(until("Bo sees Ada", seen));
     page.until("!sightline.state().onRoute");
     // The keys walk, too.

@@ -57,7 +57,7 @@ async fn a_client_that_never_enters_takes_nobodys_place() {
     assert_eq!(ada.end(), None);
 }
 
-/// Who has no key cannot be known again, nor kept out.
+/// A visitor without a key cannot be known again, nor kept out.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_client_without_a_key_is_refused() {
     let (_server, address) = serve(config());

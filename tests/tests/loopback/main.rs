@@ -27,7 +27,7 @@ use glam::Vec3;
 use sightline_client::net::{
     ConnectError, ConnectOptions, Dialer, Session, SessionState, Trust, TrustError,
 };
-use sightline_client_core::replica::{Event, VisibleAvatar};
+use sightline_client_core::replica::{Event, ShownAvatar};
 use sightline_protocol::{
     VERSION,
     fingerprint::Fingerprint,
@@ -164,9 +164,9 @@ async fn two_avatars_fall_silent_are_asked_meet_part_meet_again_and_leave() {
     meet(&ada, &bo).await;
     let is_live = |session: &Session| session.stats().reporting_state == Some(ReportingState::Live);
     until("both are live", || is_live(&ada) && is_live(&bo)).await;
-    let is_ada = |shown: &VisibleAvatar| shown.pose.eye.distance(WAY[2]) < 0.01;
-    until("Bo knows just where Ada is", || bo.visible().iter().any(is_ada)).await;
-    assert!(bo.visible().iter().any(|ada| ada.name == "Ada" && ada.colour == [10, 20, 30]));
+    let is_ada = |shown: &ShownAvatar| shown.pose.eye.distance(WAY[2]) < 0.01;
+    until("Bo knows just where Ada is", || bo.shown_avatars().iter().any(is_ada)).await;
+    assert!(bo.shown_avatars().iter().any(|ada| ada.name == "Ada" && ada.colour == [10, 20, 30]));
     ada.chat("hello").unwrap();
     hears(&bo, "Ada", "hello").await;
 

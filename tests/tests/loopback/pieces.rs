@@ -143,8 +143,8 @@ async fn what_was_asked_for_comes_however_the_link_breaks() {
     assert!(ada.building.is(&ada.session.world()), "it is the same building");
 }
 
-/// What a stranger gets on the stream for pieces that it opens with these bytes, until nothing comes
-/// for a while.
+/// What a stranger gets on the stream for pieces that it opens with these bytes, until nothing
+/// comes for a while.
 async fn asks(stranger: &Stranger, bytes: &[u8]) -> Vec<u8> {
     let (mut send, mut receive) = stranger.connection.open_bi().await.unwrap();
     send.write_all(bytes).await.unwrap();

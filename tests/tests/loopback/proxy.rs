@@ -68,8 +68,8 @@ impl Proxy {
         self.treatment.loss.store((share * 1_000.0) as u32, Relaxed);
     }
 
-    /// Delays each packet one way by this time, and by up to `jitter` more, so that packets overtake
-    /// each other.
+    /// Delays each packet one way by this time, and by up to `jitter` more, so that packets
+    /// overtake each other.
     pub fn delay(&self, one_way: Duration, jitter: Duration) {
         self.treatment.delay_ms.store(one_way.as_millis() as u32, Relaxed);
         self.treatment.jitter_ms.store(jitter.as_millis() as u32, Relaxed);

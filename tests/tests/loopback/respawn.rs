@@ -7,7 +7,7 @@ use std::{
 
 use glam::Vec3;
 use sightline_client::net::{ConnectError, Connector, JoinProgress, Session};
-use sightline_client_core::replica::{Event, VisibleAvatar};
+use sightline_client_core::replica::{Event, ShownAvatar};
 
 use super::{
     building::{EAST, WAY, WEST},
@@ -34,8 +34,8 @@ async fn who_asks_is_put_back_to_a_spawn_point_and_walks_on_from_there() {
     let start = ada.pose().eye;
     walk(&ada, start + Vec3::Z).await;
     until("they see each other", || holds(&ada, bo.avatar()) && holds(&bo, ada.avatar())).await;
-    let is_there = |shown: &VisibleAvatar| shown.pose.eye.distance(start + Vec3::Z) < 0.1;
-    until("Bo knows where Ada is", || bo.visible().iter().any(is_there)).await;
+    let is_there = |shown: &ShownAvatar| shown.pose.eye.distance(start + Vec3::Z) < 0.1;
+    until("Bo knows where Ada is", || bo.shown_avatars().iter().any(is_there)).await;
     assert_eq!((ada.end(), bo.end()), (None, None));
 }
 

@@ -4,7 +4,7 @@ use std::{net::SocketAddr, sync::Arc, time::Duration};
 
 use glam::Vec3;
 use sightline_client::net::{ConnectOptions, Dialer, Session, SessionState};
-use sightline_client_core::replica::{Event, VisibleAvatar};
+use sightline_client_core::replica::{Event, ShownAvatar};
 use sightline_protocol::{VERSION, frame, message::ClientMessage};
 use sightline_server::net::{Identity, ServeConfig, Server};
 use sightline_world::motion::{AvatarId, Pose};
@@ -73,8 +73,8 @@ async fn after_a_partition_of_twelve_seconds_all_are_back_in_their_avatars() {
     hears(&witness, "Ada 0", "back again").await;
     walk(&lost[1], WEST).await;
     let is_there =
-        |avatar: &VisibleAvatar| avatar.id == ids[1] && avatar.pose.eye.distance(WEST) < 0.05;
-    until("he walks on", || witness.visible().iter().any(is_there)).await;
+        |avatar: &ShownAvatar| avatar.id == ids[1] && avatar.pose.eye.distance(WEST) < 0.05;
+    until("he walks on", || witness.shown_avatars().iter().any(is_there)).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -127,8 +127,8 @@ async fn a_second_login_takes_the_avatar_over_and_the_first_is_told() {
     let key = options(&server, "Ada", WEST);
     let first = Dialer::new(None).connect(address, &key).await.unwrap();
     walk(&first, WEST - Vec3::X).await;
-    let is_there = |ada: &VisibleAvatar| ada.pose.eye.distance(WEST - Vec3::X) < 0.05;
-    until("Bo sees her there", || bo.visible().iter().any(is_there)).await;
+    let is_there = |ada: &ShownAvatar| ada.pose.eye.distance(WEST - Vec3::X) < 0.05;
+    until("Bo sees her there", || bo.shown_avatars().iter().any(is_there)).await;
     appeared(&bo);
     let elsewhere = ConnectOptions { place: Some(EAST), ..key };
     let second = Dialer::new(None).connect(address, &elsewhere).await.unwrap();

@@ -131,7 +131,7 @@ async fn suite(kinds: [Kind; 2]) {
     bo.says("hello yourself").await;
     ada.hears(bo.avatar, "hello yourself").await;
 
-    // Who comes again, after its link broke or before, has its avatar again.
+    // A client that comes again, after its link broke or before, has its avatar again.
     let former = bo.avatar;
     let mut bo_again = Guest::join(kinds[1], doors, "Bo", 2, WAY[2]).await;
     assert_eq!(bo_again.avatar, former);

@@ -67,7 +67,7 @@ async fn visitors_are_moved_over_and_keep_their_places_connections_and_names() {
         walk(&ada, WAY[1]).await;
         walk(&bo, WEST + Vec3::X).await;
         until("they see each other", || holds(&ada, bo.avatar()) && holds(&bo, ada.avatar())).await;
-        let shown = || bo.visible().iter().any(|ada| ada.pose.eye.distance(WAY[1]) < 0.3);
+        let shown = || bo.shown_avatars().iter().any(|ada| ada.pose.eye.distance(WAY[1]) < 0.3);
         until("Bo knows where Ada is", shown).await;
         ada.chat("hello").unwrap();
         hears(&bo, "Ada", "hello").await;

@@ -24,7 +24,8 @@ pub fn describe(note: &str) -> Value {
     })
 }
 
-/// A folder name that sorts by date, such as `2026-11-22-epyc-7763-64`. The maker's name is left out.
+/// A folder name that sorts by date, such as `2026-11-22-epyc-7763-64`. The maker's name is left
+/// out.
 pub fn folder_name(machine: &Value) -> String {
     let text = |key: &str| machine[key].as_str().unwrap_or_default();
     let cpu = text("cpu").replace("(R)", " ").replace("(TM)", " ").to_lowercase();

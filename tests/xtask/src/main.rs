@@ -1,7 +1,8 @@
 //! Chores of the repository.
 //!
-//! `cargo xtask results` measures the product on this machine. Every measurement becomes a JSON file
-//! in `tests/results/DATE-CPU/`, and all of these files together become `tests/results/RESULTS.md`.
+//! `cargo xtask results` measures the product on this machine. Every measurement becomes a JSON
+//! file in `tests/results/DATE-CPU/`, and all of these files together become
+//! `tests/results/RESULTS.md`.
 //!
 //! `cargo xtask web` compiles the client for browsers, [`web`].
 //!

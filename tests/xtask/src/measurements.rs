@@ -19,7 +19,8 @@ pub struct Measurement {
     pub program: Program,
     /// One command each.
     pub runs: &'static [Run],
-    /// A JSON pointer to the list that has an object for each row of the table, or to one such object.
+    /// A JSON pointer to the list that has an object for each row of the table, or to one such
+    /// object.
     pub rows: &'static str,
     /// Heads of columns, with JSON pointers from a row to the figure.
     pub columns: &'static [(&'static str, &'static str)],

@@ -41,7 +41,8 @@ pub struct ViewComparison {
 }
 
 impl ModeComparison {
-    /// Compares a mode with perspective mode in all views. Calls `progress` with the share done, from 0 to 1.
+    /// Compares a mode with perspective mode in all views. Calls `progress` with the share done,
+    /// from 0 to 1.
     pub fn of(
         mode: Mode,
         octree: &Octree,

@@ -25,8 +25,8 @@ use super::flags::ModeFlag;
 ///
 /// The window opens at once and joins the server meanwhile. When the server is lost it says so, and
 /// joins it again by itself. WASD walk, the mouse (after a click) or the arrow keys look around,
-/// Shift runs, Space jumps, F flies, Enter chats, Tab lists the people near you, M shows the plan of
-/// the storey, Home goes back to the entrance, R shows rooms, V what rooms hide, F1 all keys.
+/// Shift runs, Space jumps, F flies, Enter chats, Tab lists the people near you, M shows the plan
+/// of the storey, Home goes back to the entrance, R shows rooms, V what rooms hide, F1 all keys.
 /// Escape leaves.
 #[derive(clap::Args)]
 pub struct Args {

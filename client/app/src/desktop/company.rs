@@ -1,5 +1,5 @@
-//! Who else is in the building: nobody, the people of a session, or those of a server that the window
-//! joins.
+//! Who else is in the building: nobody, the people of a session, or those of a server that the
+//! window joins.
 
 use std::time::Instant;
 

@@ -3,9 +3,9 @@
 //! [`run`] opens it at once, and returns when the person leaves. It joins the server meanwhile, and
 //! again when the server is lost. F1 shows the keys (`panels.rs`).
 //!
-//! A visit (`visit.rs`) makes a picture of each moment, in three layers: the building, what moves in it, and
-//! what is written over it. A layer that would look as before is not drawn again (`redraw.rs`), so a
-//! still scene costs little more than listening to the server.
+//! A visit (`visit.rs`) makes a picture of each moment, in three layers: the building, what moves
+//! in it, and what is written over it. A layer that would look as before is not drawn again
+//! (`redraw.rs`), so a still scene costs little more than listening to the server.
 
 mod bookmarks;
 mod company;
@@ -44,8 +44,8 @@ pub enum WorldSource<'a> {
     /// A building shared with others, in a session that the caller keeps. The window closes when it
     /// ends.
     Shared(&'a Session),
-    /// The building of a server, which the person calls by this name. The window joins it, and again
-    /// when it is lost.
+    /// The building of a server, which the person calls by this name. The window joins it, and
+    /// again when it is lost.
     Server(Box<Connector>, String),
     /// A building without a server, and where to start.
     Alone(&'a Arc<World>, Spawn),

@@ -1,4 +1,5 @@
-//! What is written over the picture: the status, the chat, the line being typed, banners and panels.
+//! What is written over the picture: the status, the chat, the line being typed, banners and
+//! panels.
 
 use std::{
     collections::VecDeque,

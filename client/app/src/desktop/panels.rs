@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use sightline_client_core::replica::VisibleAvatar;
+use sightline_client_core::replica::ShownAvatar;
 use sightline_renderer::{
     Frame,
     plan::{Plan, PlanMark},
@@ -64,7 +64,7 @@ const KEYS_ALONE: &[(&str, &str)] =
 /// The number of people that are listed.
 const PEOPLE_MAX: usize = 24;
 
-/// The help. Some keys only work for who is alone.
+/// The help. Some keys only work without a server.
 pub(super) fn help(is_alone: bool) -> Panel {
     let keys = KEYS.iter().chain(if is_alone { KEYS_ALONE } else { &[] });
     let row = |(key, what): &(&str, &str)| Row {
@@ -76,11 +76,11 @@ pub(super) fn help(is_alone: bool) -> Panel {
 }
 
 /// The people of whom the server tells this client, the nearest first.
-pub(super) fn people(own: &Pose, told: &[VisibleAvatar], in_sight: &[AvatarId]) -> Panel {
-    let metres = |other: &VisibleAvatar| own.eye.distance(other.pose.eye).round() as u32;
-    let mut others: Vec<&VisibleAvatar> = told.iter().collect();
+pub(super) fn people(own: &Pose, told: &[ShownAvatar], in_sight: &[AvatarId]) -> Panel {
+    let metres = |other: &ShownAvatar| own.eye.distance(other.pose.eye).round() as u32;
+    let mut others: Vec<&ShownAvatar> = told.iter().collect();
     others.sort_by_key(|other| (metres(other), other.id));
-    let row = |other: &&VisibleAvatar| {
+    let row = |other: &&ShownAvatar| {
         let sight = if in_sight.contains(&other.id) { "in sight" } else { "out of sight" };
         let right = format!("{:>3} m, {sight}", metres(other));
         Row { patch: Some(other.colour), left: other.name.clone(), right }
@@ -144,13 +144,13 @@ mod tests {
 
     #[test]
     fn people_are_listed_by_distance_and_the_rest_is_counted() {
-        let other = |id: u32, x: f32| VisibleAvatar {
+        let other = |id: u32, x: f32| ShownAvatar {
             id: AvatarId(id),
             name: format!("P{id}"),
             colour: [1, 2, 3],
             pose: Pose { eye: Vec3::X * x, ..Pose::default() },
         };
-        let told: Vec<VisibleAvatar> = (0..30).map(|id| other(id, 30.0 - id as f32)).collect();
+        let told: Vec<ShownAvatar> = (0..30).map(|id| other(id, 30.0 - id as f32)).collect();
         let Panel::Table { title, rows } = people(&Pose::default(), &told, &[AvatarId(29)]) else {
             panic!("a table");
         };

@@ -10,7 +10,7 @@ use sightline_client_core::{
     arriving::ArrivingWorld,
     fetching::{Outlook, PieceError, ShownBranch},
     footing::{Footing, Rescue},
-    replica::{AvatarSource, VisibleAvatar},
+    replica::{AvatarSource, ShownAvatar},
     walker::{MoveInput, Walker},
 };
 use sightline_renderer::{
@@ -30,7 +30,7 @@ use super::{
 };
 use crate::net::Session;
 
-/// A view that has not changed for so long is drawn with all the window's pixels.
+/// A view that has not changed for this long is drawn with all the window's pixels.
 const RESTS: Duration = Duration::from_millis(400);
 /// While the eye rests, what moves is drawn no more often than this: half of the highest rate.
 const MOVING_INTERVAL: Duration = Duration::from_millis(33);
@@ -70,7 +70,7 @@ pub(super) struct Scene {
     view: ((Camera, u64), Instant),
     /// When what moves was looked at last.
     looked: Instant,
-    seen: Vec<VisibleAvatar>,
+    seen: Vec<ShownAvatar>,
     clock: Clock,
     before: Option<Instant>,
     draw_time: Duration,
@@ -138,7 +138,7 @@ impl Scene {
     }
 
     /// The avatars of which at least one pixel is shown.
-    pub(super) fn seen(&self) -> &[VisibleAvatar] {
+    pub(super) fn seen(&self) -> &[ShownAvatar] {
         &self.seen
     }
 
@@ -249,8 +249,8 @@ impl Scene {
         rescue == Some(Rescue::Stuck)
     }
 
-    /// Draws what has changed since the last call, in a window of this size. Returns whether anything
-    /// has.
+    /// Draws what has changed since the last call, in a window of this size. Returns whether
+    /// anything has.
     pub(super) fn draw(
         &mut self,
         session: Option<&Session>,
@@ -311,8 +311,8 @@ impl Scene {
         }
     }
 
-    /// Notes the branches that the picture of the building shows, unless it is the one before, which
-    /// was looked at as closely.
+    /// Notes the branches that the picture of the building shows, unless it is the one before,
+    /// which was looked at as closely.
     fn look(&mut self, camera: &Camera, is_new: bool, step: usize) {
         if let Some(fetcher) = self.surroundings.building.fetcher()
             && (is_new || step < self.branches.1)

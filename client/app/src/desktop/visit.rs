@@ -8,7 +8,7 @@ use std::{
 
 use sightline_client_core::{
     arriving::ArrivingWorld,
-    replica::{Event, VisibleAvatar},
+    replica::{Event, ShownAvatar},
     words,
 };
 use sightline_renderer::Frame;
@@ -35,7 +35,7 @@ pub(super) struct Visit<'a> {
     company: Company<'a>,
     /// `None` before the first building is there.
     scene: Option<Scene>,
-    /// Where who is alone begins.
+    /// Where a visitor without a server begins.
     entrance: Option<Spawn>,
     /// Whether hidden nodes are found ahead of the eye.
     drawing: Drawing,
@@ -210,8 +210,8 @@ impl<'a> Visit<'a> {
         Some(is_stuck)
     }
 
-    /// Goes back to the entrance, by itself or by the server's leave. Without a connection it asks for
-    /// one again.
+    /// Goes back to the entrance, by itself or by the server's leave. Without a connection it asks
+    /// for one again.
     fn go_home(&mut self, controls: &mut Controls, now: Instant) {
         self.company.try_again(now);
         if let Some(session) = self.company.session() {
@@ -305,7 +305,7 @@ impl<'a> Visit<'a> {
         };
         overlay.status = format!("{place}: {who}");
         overlay.statistics = self.statistics.line(session, scene.seen().len(), now);
-        let told = session.map(Session::visible).unwrap_or_default();
+        let told = session.map(Session::shown_avatars).unwrap_or_default();
         match self.panel {
             Some(PanelKind::People) => {
                 let in_sight: Vec<AvatarId> = scene.seen().iter().map(|other| other.id).collect();
@@ -332,7 +332,7 @@ impl<'a> Visit<'a> {
 }
 
 /// The plan of the storey that one is on.
-fn plan_of(scene: &mut Scene, own: &Pose, told: &[VisibleAvatar]) -> Panel {
+fn plan_of(scene: &mut Scene, own: &Pose, told: &[ShownAvatar]) -> Panel {
     let title = |title: String| Panel::Table { title, rows: Vec::new() };
     let surroundings = &mut scene.surroundings;
     let Some(world) = surroundings.building.complete() else {

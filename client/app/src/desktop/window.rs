@@ -1,5 +1,5 @@
-//! The window itself: passes winit's events to the controls, and the visit's pictures to the screen.
-//! A picture that does not change is not shown again.
+//! The window itself: passes winit's events to the controls, and the visit's pictures to the
+//! screen. A picture that does not change is not shown again.
 
 use std::{
     num::NonZeroU32,

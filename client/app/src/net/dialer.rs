@@ -34,23 +34,23 @@ use super::{
     trust::{self, Trust},
 };
 
-/// After so long, or after a round trip if that is less, the server says what has arrived.
+/// The server acknowledges packets after this time, or after a round trip if that is less.
 const ACK_DELAY_MAX: Duration = Duration::from_millis(100);
 /// The time within which the server must answer.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
 
 /// What the system is asked to keep of what arrives while no processor is free, in bytes.
 const SOCKET_BYTES: usize = 4 << 20;
-/// A connection on which nothing arrives for so long counts as lost, in milliseconds, or for three
-/// times what a probe may take.
+/// A connection on which nothing arrives for this long counts as lost, in milliseconds, or for
+/// three times what a probe may take.
 const IDLE_MS_MAX: u32 = 5_000;
-/// A connection on which nothing happens is kept alive so often.
+/// How often an idle connection is kept alive.
 const KEEP_ALIVE: Duration = Duration::from_secs(2);
-/// A client that comes for the first time tries to reach the server for so long.
+/// How long a client that comes for the first time tries to reach the server.
 const REACH_DEADLINE: Duration = Duration::from_secs(15);
 /// How often a connection may break on the way in.
 const BREAKS_MAX: u32 = 2;
-/// A client that a busy server puts off comes again for so long.
+/// How long a client that a busy server puts off tries again.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// The longest time that a server may put a client off at once.
 const RETRY_MAX: Duration = Duration::from_secs(10);
@@ -70,8 +70,8 @@ pub struct ConnectOptions {
     pub identity: Arc<Identity>,
     /// An invitation, where not everybody is let in.
     pub invitation: Option<ChatLine>,
-    /// Whether the world may arrive in pieces while the client is in it, where the server offers that
-    /// and the world is not here already: see [`Session::building`].
+    /// Whether the world may arrive in pieces while the client is in it, where the server offers
+    /// that and the world is not here already: see [`Session::building`].
     pub in_pieces: bool,
     /// Called as the client comes nearer to the first world.
     pub progress: Option<ProgressListener>,
@@ -91,10 +91,10 @@ impl Dialer {
         Self { endpoints: Arc::default(), cache: Arc::new(WorldCache::new(world_folder)) }
     }
 
-    /// Connects, waits until the server has a world, fetches it unless it is in the cache, and enters
-    /// it. Must be called within a tokio runtime, in which the session then runs. Where the server is
-    /// busy and puts the client off, it comes again by itself, for up to a minute. Where the
-    /// connection breaks on the way in, it tries twice more.
+    /// Connects, waits until the server has a world, fetches it unless it is in the cache, and
+    /// enters it. Must be called within a tokio runtime, in which the session then runs. Where the
+    /// server is busy and puts the client off, it comes again by itself, for up to a minute. Where
+    /// the connection breaks on the way in, it tries twice more.
     ///
     /// # Errors
     /// When any step fails. The connection is closed then.

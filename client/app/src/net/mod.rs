@@ -1,9 +1,9 @@
-//! The connection to a server, the download of its worlds, as a whole or in pieces, and the cache of
-//! worlds.
+//! The connection to a server, the download of its worlds, as a whole or in pieces, and the cache
+//! of worlds.
 //!
 //! A [`Dialer`] makes [`Session`]s within a tokio runtime. A [`Connector`] makes them for a thread
-//! that has none. A session runs by itself, and its methods never wait for the network. When its link
-//! breaks, it comes back by itself.
+//! that has none. A session runs by itself, and its methods never wait for the network. When its
+//! link breaks, it comes back by itself.
 
 mod cache;
 mod connector;

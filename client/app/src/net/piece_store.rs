@@ -8,7 +8,8 @@ use std::{
 
 use sightline_world::PieceId;
 
-/// The most bytes of all pieces on disk: 1 GiB. Beyond it, those that were stored first are removed.
+/// The most bytes of all pieces on disk: 1 GiB. Beyond it, those that were stored first are
+/// removed.
 const BYTES_MAX: u64 = 1 << 30;
 
 /// A folder of pieces. What is damaged counts as missing.

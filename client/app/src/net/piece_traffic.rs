@@ -1,4 +1,5 @@
-//! Pieces of the world on their way: a window asks for them, and they come on a stream of their own.
+//! Pieces of the world on their way: a window asks for them, and they come on a stream of their
+//! own.
 
 use std::{
     collections::VecDeque,

@@ -26,7 +26,7 @@ const SPREAD: u64 = 4;
 /// The most attempts that are under way at a time. An attempt that takes long may still succeed
 /// where the round trip is long, and a new one soon does where the server has just come back.
 const ATTEMPTS_MAX: usize = 4;
-/// A client whose link broke tries to come back for so long.
+/// How long a client whose link broke tries to come back.
 pub(super) const PATIENCE: Duration = Duration::from_secs(600);
 
 /// What a client needs to connect again.
@@ -36,7 +36,8 @@ pub(super) struct Caller {
     pub(super) options: ConnectOptions,
 }
 
-/// The pauses of a client that comes for the first time. The server may have more to do than it can.
+/// The pauses of a client that comes for the first time. The server may have more to do than it
+/// can.
 const FIRST_PAUSES_MS: [u64; 2] = [0, 3_000];
 
 /// How long to pause before each attempt.
@@ -96,8 +97,8 @@ impl Caller {
         }
     }
 
-    /// Connects with one attempt after the other, until one succeeds or fails with an error that may
-    /// not pass, or it is time to give up.
+    /// Connects with one attempt after the other, until one succeeds or fails with an error that
+    /// may not pass, or it is time to give up.
     pub(super) async fn reach(
         &self,
         pauses: &mut Pauses,

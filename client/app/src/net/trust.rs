@@ -134,8 +134,8 @@ fn remember(path: &Path, address: SocketAddr, fingerprint: Fingerprint) -> io::R
     file.write_all(format!("{address} {fingerprint}\n").as_bytes())
 }
 
-/// TLS 1.3 that accepts any certificate whose key the server proves to hold. [`Trust::check`] decides
-/// whether it is the right one. The client shows a certificate of its own.
+/// TLS 1.3 that accepts any certificate whose key the server proves to hold. [`Trust::check`]
+/// decides whether it is the right one. The client shows a certificate of its own.
 pub(super) fn crypto(identity: &Identity) -> Result<QuicClientConfig, rustls::Error> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let verifier = Arc::new(AnyCertificate(provider.clone()));

@@ -115,6 +115,6 @@ mod tests {
         let x_at = |t: u64| history.at(ms(t)).map(|pose| pose.eye.x);
         assert_eq!([0, 25, 80, 190, 900].map(x_at), [1.0, 1.5, 2.0, 3.8, 4.0].map(Some));
         history.push(ms(4_000), Pose::default());
-        assert_eq!(history.at(ms(3_999)), None, "nothing is known of so long ago");
+        assert_eq!(history.at(ms(3_999)), None, "the history does not reach back to it");
     }
 }

@@ -39,7 +39,8 @@ struct Unheld {
 }
 
 impl Misses {
-    /// How often a visitor was missed. As long as it stays in sight and is not held, it counts once.
+    /// How often a visitor was missed. As long as it stays in sight and is not held, it counts
+    /// once.
     pub fn count(&self) -> usize {
         self.count
     }

@@ -23,7 +23,7 @@ use sightline_cli::{
     identity::{Identity, IdentityError},
     trace::{Trace, Track},
 };
-use sightline_client_core::replica::{Event, HeldAvatar, VisibleAvatar};
+use sightline_client_core::replica::{Event, HeldAvatar, ShownAvatar};
 use sightline_protocol::text::Name;
 use sightline_world::{
     World,
@@ -51,7 +51,7 @@ const LEAP_S: f32 = 0.2;
 const CONNECTING_MAX: usize = 16;
 /// The time between two visitors who set out to connect.
 const JOIN_INTERVAL: Duration = Duration::from_millis(10);
-/// For so long after a leap the server may have a visitor elsewhere.
+/// The time after a leap in which the server may have a visitor elsewhere.
 const UNSETTLED: Duration = Duration::from_secs(2);
 
 /// How many visitors to send, for how long, and how they move.
@@ -129,7 +129,7 @@ pub struct VisitorView {
     /// The avatars that its replica holds.
     pub held: Vec<HeldAvatar>,
     /// The same avatars as they are shown at this moment.
-    pub shown: Vec<VisibleAvatar>,
+    pub shown: Vec<ShownAvatar>,
 }
 
 /// Why there is no report.
@@ -287,7 +287,7 @@ fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> SwarmSnapshot {
             leapt: member.leapt,
             round_trip: stats.round_trip,
             held: member.session.held(),
-            shown: member.session.visible(),
+            shown: member.session.shown_avatars(),
         }
     };
     let tick = members.first().map(|member| member.session.tick_interval()).unwrap_or_default();

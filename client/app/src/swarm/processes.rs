@@ -1,5 +1,5 @@
-//! What processes of this machine use: the swarm's own, and the server's if it runs beside it. Known
-//! on Linux only, from `/proc`.
+//! What processes of this machine use: the swarm's own, and the server's if it runs beside it.
+//! Known on Linux only, from `/proc`.
 
 use std::{fs, net::SocketAddr, time::Duration};
 

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use sightline_cli::pose_error::{DistanceBand, ErrorsByDistance, PoseErrorPercentiles};
-use sightline_client_core::replica::VisibleAvatar;
+use sightline_client_core::replica::ShownAvatar;
 use sightline_world::motion::AvatarId;
 
 use super::{SwarmSnapshot, VisitorView, history::Histories, sight::Sight};
@@ -55,7 +55,7 @@ impl Promises {
     fn compare(
         &mut self,
         viewer: &VisitorView,
-        shown: &VisibleAvatar,
+        shown: &ShownAvatar,
         promised: Duration,
         histories: &Histories,
     ) {
@@ -86,7 +86,7 @@ mod tests {
         Duration::from_millis(ms)
     }
 
-    /// A visitor that walks at 1 m/s, and is shown as it was so long ago.
+    /// A visitor that walks at 1 m/s, and is shown where it was this long ago.
     fn errors(shown_ago_ms: u64) -> PoseErrorPercentiles {
         let sight = Sight::new(Arc::new(two_rooms::world()));
         let (mut promises, mut histories) = (Promises::default(), Histories::default());
@@ -95,7 +95,7 @@ mod tests {
             yaw: t as f32 * 1e-3,
             ..Pose::default()
         };
-        let view = |id: u32, pose: Pose, shown: Vec<VisibleAvatar>| VisitorView {
+        let view = |id: u32, pose: Pose, shown: Vec<ShownAvatar>| VisitorView {
             avatar: AvatarId(id),
             pose,
             reporting_state: Some(ReportingState::Live),
@@ -107,8 +107,7 @@ mod tests {
         for t in (0..2_000).step_by(25) {
             histories.push(AvatarId(7), ms(t), pose_at(t));
             let pose = pose_at(t.saturating_sub(shown_ago_ms));
-            let shown =
-                VisibleAvatar { id: AvatarId(7), name: String::new(), colour: [0; 3], pose };
+            let shown = ShownAvatar { id: AvatarId(7), name: String::new(), colour: [0; 3], pose };
             let viewer = Pose { eye: Vec3::new(1.0, 1.6, 4.0), ..Pose::default() };
             let visitors = vec![view(3, viewer, vec![shown]), view(7, pose_at(t), Vec::new())];
             if t >= 1_000 {

@@ -191,7 +191,7 @@ impl SwarmStatistics {
         }
     }
 
-    /// Takes in that visitors take a step, so long after the last one.
+    /// Records that visitors take a step, this long after the last one.
     pub fn stepped(&mut self, after: Duration) {
         self.steps.push(after);
     }
@@ -323,8 +323,8 @@ impl SwarmStatistics {
 }
 
 /// The distance within which an avatar is shown where it was, for a viewer at a distance. Both are
-/// in metres. The avatar may be off its course by as much as its nearest viewer can hardly tell, and
-/// a viewer is not told of a course that it can hardly tell from the one that it knows.
+/// in metres. The avatar may be off its course by as much as its nearest viewer can hardly tell,
+/// and a viewer is not told of a course that it can hardly tell from the one that it knows.
 fn same_place_m(away_m: f32) -> f32 {
     2.0 * (away_m / ACUITY_DISTANCES).max(TOLERANCE_MIN_M) + ROUNDING_M
 }

@@ -39,17 +39,21 @@ fn a_path_leads_round_a_wall_and_a_body_can_walk_it() {
 
 #[test]
 fn a_coarse_grid_leads_round_a_wall_and_not_through_it() {
-    let pitch = PITCHES[1] * world(&[]).body.half_width;
+    let spacing_m = SPACINGS[1] * world(&[]).body.half_width;
     let navigation = |wall: [u32; 3]| {
         let world = world(&[([31, 1, 8], wall, 0)]);
-        let mut navigation = Navigation::grid(&world, pitch, PLACES_MAX);
-        navigation.home = navigation.largest_component();
+        let mut navigation = Navigation::grid(&world, spacing_m, PLACES_MAX);
+        navigation.connected = navigation.largest_component();
         navigation.path(WEST, EAST).map(|way| walk(&world, &way, WEST))
     };
     let end = navigation([33, 30, 64]).unwrap();
     assert!(end.distance(EAST) < 0.6, "ended at {end}");
     let world = world(&[([31, 1, 0], [32, 30, 64], 0)]);
-    assert_eq!(Navigation::grid(&world, pitch, PLACES_MAX).path(WEST, EAST), None, "thin walls");
+    assert_eq!(
+        Navigation::grid(&world, spacing_m, PLACES_MAX).path(WEST, EAST),
+        None,
+        "thin walls"
+    );
 }
 
 #[test]

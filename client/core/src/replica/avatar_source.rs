@@ -8,7 +8,7 @@ use sightline_world::{
     motion::{AvatarId, Pose},
 };
 
-use super::{Replica, VisibleAvatar};
+use super::{Replica, ShownAvatar};
 
 /// What a client was told of an avatar since the last request for updates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,7 +30,7 @@ pub trait AvatarSource {
     fn path(&self, avatar: AvatarId, now: Duration, until: Duration) -> Option<(Pose, Aabb)>;
 
     /// An avatar as it is drawn at a time; `None` once it has vanished.
-    fn shown(&self, avatar: AvatarId, now: Duration) -> Option<VisibleAvatar>;
+    fn shown(&self, avatar: AvatarId, now: Duration) -> Option<ShownAvatar>;
 }
 
 impl AvatarSource for Replica {
@@ -44,9 +44,9 @@ impl AvatarSource for Replica {
         Some((timeline.at(ticks[0]), timeline.eyes(ticks)))
     }
 
-    fn shown(&self, avatar: AvatarId, now: Duration) -> Option<VisibleAvatar> {
+    fn shown(&self, avatar: AvatarId, now: Duration) -> Option<ShownAvatar> {
         let other = self.others.get(&avatar)?;
         let pose = other.timeline.at(self.clock.tick_at(now));
-        Some(VisibleAvatar { id: avatar, name: other.name.clone(), colour: other.colour, pose })
+        Some(ShownAvatar { id: avatar, name: other.name.clone(), colour: other.colour, pose })
     }
 }

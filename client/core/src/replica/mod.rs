@@ -50,7 +50,7 @@ pub struct Replica {
 
 /// Another avatar, as it is drawn now.
 #[derive(Clone, Debug, PartialEq)]
-pub struct VisibleAvatar {
+pub struct ShownAvatar {
     /// The avatar.
     pub id: AvatarId,
     /// The name that its client chose.
@@ -148,7 +148,7 @@ impl Replica {
     pub fn leave_world(&mut self, agility: Agility) -> u32 {
         self.others.clear();
         self.updates.clear();
-        self.own.forget_copy();
+        self.own.forget_resend();
         self.reporter.leave(self.tick_interval, agility);
         WireReport::made_at(self.reporter.reports_from(), self.tick_interval)
     }
@@ -300,15 +300,15 @@ impl Replica {
     }
 
     /// All avatars that may be in view, as they are drawn now, in ascending order.
-    pub fn visible(&self, now: Duration) -> Vec<VisibleAvatar> {
+    pub fn shown_avatars(&self, now: Duration) -> Vec<ShownAvatar> {
         let at = self.clock.shown_tick(now);
-        let visible = |(id, other): (&AvatarId, &Held)| VisibleAvatar {
+        let shown = |(id, other): (&AvatarId, &Held)| ShownAvatar {
             id: *id,
             name: other.name.clone(),
             colour: other.colour,
             pose: other.timeline.at(at),
         };
-        self.others.iter().map(visible).collect()
+        self.others.iter().map(shown).collect()
     }
 
     /// All avatars that may be in view, as the newest messages have them, in ascending order.

@@ -1,11 +1,11 @@
 //! What a client sends: reports and acknowledgements.
 //!
-//! A report that is made at every tick goes in a datagram, because the next one replaces a lost one.
-//! All other reports go on the stream: a departure that is lost must not pass for silence. But the
-//! stream repeats a lost report only a round trip later, and holds up all that follow. So of reports
-//! that follow each other closely the third and later ones go in datagrams, and the last of them on
-//! the stream as well. While the path loses messages all reports do, and sooner. The server ignores
-//! what it knows already.
+//! A report that is made at every tick goes in a datagram, because the next one replaces a lost
+//! one. All other reports go on the stream: a departure that is lost must not pass for silence. But
+//! the stream repeats a lost report only a round trip later, and holds up all that follow. So of
+//! reports that follow each other closely the third and later ones go in datagrams, and the last of
+//! them on the stream as well. While the path loses messages all reports do, and sooner. The server
+//! ignores what it knows already.
 
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ pub(super) const ACK_TICKS: u32 = 6;
 /// While datagrams are lost on the way to this client, it waits for this number of ticks, so that
 /// the server learns sooner what was lost.
 pub(super) const ACK_TICKS_LOSSY: u32 = 2;
-/// For so long after a loss the path counts as one that loses messages.
+/// How long after a loss the path counts as one that loses messages.
 const LOSSY_FOR: Duration = Duration::from_secs(10);
 /// It takes this number of losses within that time: a single one may be an accident.
 const LOSSES_MIN: u64 = 2;
@@ -33,7 +33,7 @@ const LOSSES_MIN: u64 = 2;
 const CLOSE_TICKS: u32 = 2;
 /// A report that went in a datagram goes on the stream after this number of ticks without another
 /// one; where the path loses messages, after one.
-const COPY_TICKS: u32 = 2;
+const RESEND_AFTER_TICKS: u32 = 2;
 
 /// What to send to the server.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,7 +53,7 @@ pub(super) struct OwnAvatar {
     /// When the last report was sent, and the one before.
     sent_at: [Option<Duration>; 2],
     /// The last report, if it must go once more.
-    copy: Option<Copy>,
+    resend: Option<Resend>,
     /// The losses of what this client sends.
     losses: Losses,
     /// The number of the newest datagram that has arrived, and how many were missing when it did.
@@ -65,7 +65,7 @@ pub(super) struct OwnAvatar {
 
 /// A report that goes once more, the other way.
 #[derive(Clone, Copy, Debug)]
-struct Copy {
+struct Resend {
     report: WireReport,
     is_on_stream: bool,
     /// In how many ticks it goes, unless another report goes before.
@@ -84,8 +84,8 @@ struct Losses {
 
 impl OwnAvatar {
     /// The last report must not go once more.
-    pub(super) fn forget_copy(&mut self) {
-        self.copy = None;
+    pub(super) fn forget_resend(&mut self) {
+        self.resend = None;
     }
 
     fn note_sent(&mut self, now: Duration) {
@@ -136,15 +136,15 @@ impl Replica {
     pub fn answer(&mut self, now: Duration) -> Option<ClientMessage> {
         let report = self.reporter.answer(now, &self.own.pose)?;
         let report = WireReport::new(&report, self.tick_interval);
-        let copy = Copy { report, is_on_stream: false, ticks: 1 };
-        self.own.copy = self.own.losses.are_many().then_some(copy);
+        let resend = Resend { report, is_on_stream: false, ticks: 1 };
+        self.own.resend = self.own.losses.are_many().then_some(resend);
         self.own.note_sent(now);
         Some(self.message_with(report))
     }
 
     /// The host has put the own avatar elsewhere: its course begins anew.
     pub fn forget_course(&mut self) {
-        self.own.forget_copy();
+        self.own.forget_resend();
         self.reporter.forget_course();
     }
 
@@ -162,14 +162,14 @@ impl Replica {
         if let Some((reason, report)) = report {
             return Some(self.send(now, reason, &report));
         }
-        if let Some(copy) = &mut self.own.copy {
-            copy.ticks = copy.ticks.saturating_sub(1);
+        if let Some(resend) = &mut self.own.resend {
+            resend.ticks = resend.ticks.saturating_sub(1);
         }
-        match self.own.copy.take_if(|copy| copy.ticks == 0) {
-            Some(Copy { report, is_on_stream: true, .. }) => {
+        match self.own.resend.take_if(|resend| resend.ticks == 0) {
+            Some(Resend { report, is_on_stream: true, .. }) => {
                 Some(Outgoing::Message(self.message_with(report)))
             }
-            Some(Copy { report, .. }) => Some(self.datagram_with(Some(report))),
+            Some(Resend { report, .. }) => Some(self.datagram_with(Some(report))),
             None => ack_is_due.then(|| self.datagram_with(None)),
         }
     }
@@ -179,14 +179,14 @@ impl Replica {
         let closely = self.tick_interval * CLOSE_TICKS;
         let is_close = self.own.sent_at[1].is_some_and(|before| now <= before + closely);
         self.own.note_sent(now);
-        self.own.copy = None;
+        self.own.resend = None;
         if reason == ReportReason::EveryTick {
             return self.datagram_with(Some(report));
         }
         let is_lossy = self.own.losses.are_many();
         if is_lossy || is_close {
-            let ticks = if is_lossy { 1 } else { COPY_TICKS };
-            self.own.copy = Some(Copy { report, is_on_stream: true, ticks });
+            let ticks = if is_lossy { 1 } else { RESEND_AFTER_TICKS };
+            self.own.resend = Some(Resend { report, is_on_stream: true, ticks });
             return self.datagram_with(Some(report));
         }
         Outgoing::Message(self.message_with(report))

@@ -330,7 +330,7 @@ fn shown_speed_max(jitter_ms: u64, loss: f64) -> f32 {
         for (_, datagram) in datagrams.extract_if(.., |(at, _)| *at <= ms) {
             let _ = replica.datagram(now, &datagram);
         }
-        let shown = replica.visible(now).first().map(|shown| shown.pose.eye);
+        let shown = replica.shown_avatars(now).first().map(|shown| shown.pose.eye);
         if let (Some(before), Some(shown)) = (before, shown) {
             fastest = fastest.max(shown.distance(before) * 1e3);
         }

@@ -179,8 +179,8 @@ impl<'a> Ellipsoid<'a> {
         entries
     }
 
-    /// The colours of the points where eight rays enter the ellipsoid. `light` takes a normal and the
-    /// square of its length.
+    /// The colours of the points where eight rays enter the ellipsoid. `light` takes a normal and
+    /// the square of its length.
     #[inline(always)]
     fn colours(
         &self,
@@ -207,8 +207,8 @@ impl<'a> Ellipsoid<'a> {
                 let plain = if is_hair { hair[channel] } else { colour[channel] };
                 let own = if is_eye { eyes[channel] } else { plain };
                 let level = if own * light < 255.0 { own * light } else { 255.0 };
-                // The lowest bits of so large a number count ones; this takes less time than a
-                // cast.
+                // At this size one step of a float is 1, so its lowest bits hold the whole number.
+                // This takes less time than a cast.
                 *packed = *packed << 8 | (level + 8_388_608.0).to_bits() & 0xff;
             }
         }

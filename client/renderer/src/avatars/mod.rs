@@ -39,8 +39,8 @@ const NAME_ABOVE_M: f32 = 0.08;
 const SMALL_PX: f32 = 24.0;
 
 /// Draws figures, their shadows on the floor, and the names of those that can be seen, into a frame
-/// that shows a building from the same camera, where nothing in the frame is nearer. Returns for each
-/// figure whether it can be seen: whether at least one pixel shows it.
+/// that shows a building from the same camera, where nothing in the frame is nearer. Returns for
+/// each figure whether it can be seen: whether at least one pixel shows it.
 pub fn draw(
     frame: &mut Frame,
     camera: &Camera,

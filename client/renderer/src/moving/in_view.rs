@@ -3,7 +3,7 @@
 use std::{f32::consts::TAU, time::Duration};
 
 use glam::DAffine3;
-use sightline_client_core::replica::VisibleAvatar;
+use sightline_client_core::replica::ShownAvatar;
 use sightline_visibility::rooms::BuildingSight;
 use sightline_world::{Mover, World, octree::Octree};
 
@@ -22,7 +22,7 @@ pub struct InView {
     pub(super) now: Duration,
     /// The indices of the movers, and where they are.
     pub(super) movers: Vec<(u32, DAffine3)>,
-    pub(super) avatars: Vec<VisibleAvatar>,
+    pub(super) avatars: Vec<ShownAvatar>,
 }
 
 impl InView {
@@ -38,21 +38,21 @@ impl InView {
         self.movers.retain(|(at, _)| mover(*at).is_some_and(|mover| sight.may_show(mover)));
     }
 
-    /// Draws what is in view into a frame that shows the octree of the building from the same camera.
-    /// Returns the avatars that can be seen: those that at least one pixel shows.
+    /// Draws what is in view into a frame that shows the octree of the building from the same
+    /// camera. Returns the avatars that can be seen: those that at least one pixel shows.
     pub fn draw(
         &self,
         frame: &mut Frame,
         camera: &Camera,
         world: &World,
         octree: &Octree,
-    ) -> Vec<VisibleAvatar> {
+    ) -> Vec<ShownAvatar> {
         let doors: Vec<&Mover> =
             self.movers.iter().filter_map(|(at, _)| world.movers.get(*at as usize)).collect();
         movers::draw_selected(frame, camera, world, &doors, self.now);
         let stride = (self.now.as_secs_f64() * STRIDES_PER_S).fract() as f32 * TAU;
         let figure = |avatar| {
-            let VisibleAvatar { name, colour, pose, .. }: &'_ VisibleAvatar = avatar;
+            let ShownAvatar { name, colour, pose, .. }: &'_ ShownAvatar = avatar;
             let light = world.light_at(world.body.middle(pose.eye));
             AvatarFigure { pose: *pose, body: world.body, colour: *colour, name, stride, light }
         };

@@ -29,7 +29,7 @@ use std::{
     time::Duration,
 };
 
-use sightline_client_core::replica::{AvatarSource, Update, VisibleAvatar};
+use sightline_client_core::replica::{AvatarSource, ShownAvatar, Update};
 use sightline_world::{
     World,
     geometry::Aabb,
@@ -155,7 +155,7 @@ impl MovingRenderer {
         world: &World,
         source: Option<&mut dyn AvatarSource>,
         now: Duration,
-    ) -> Vec<VisibleAvatar> {
+    ) -> Vec<ShownAvatar> {
         self.find(frame, camera, world, source, now).draw(frame, camera, world, &world.octree)
     }
 

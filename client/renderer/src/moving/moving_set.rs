@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use glam::Vec3;
-use sightline_client_core::replica::{AvatarSource, Update, VisibleAvatar};
+use sightline_client_core::replica::{AvatarSource, ShownAvatar, Update};
 use sightline_world::{
     Mover, World,
     geometry::Aabb,
@@ -106,7 +106,7 @@ impl AvatarSource for NoAvatars {
         None
     }
 
-    fn shown(&self, _: AvatarId, _: Duration) -> Option<VisibleAvatar> {
+    fn shown(&self, _: AvatarId, _: Duration) -> Option<ShownAvatar> {
         None
     }
 }

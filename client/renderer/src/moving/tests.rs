@@ -122,15 +122,10 @@ impl AvatarSource for Crowd {
         Some((pose, Aabb::from_points([pose.eye, person.pose(until).eye])))
     }
 
-    fn shown(&self, avatar: AvatarId, now: Duration) -> Option<VisibleAvatar> {
+    fn shown(&self, avatar: AvatarId, now: Duration) -> Option<ShownAvatar> {
         let person = self.people.get(&avatar)?;
         let colour = [avatar.0 as u8, 200, 90];
-        Some(VisibleAvatar {
-            id: avatar,
-            name: person.name.clone(),
-            colour,
-            pose: person.pose(now),
-        })
+        Some(ShownAvatar { id: avatar, name: person.name.clone(), colour, pose: person.pose(now) })
     }
 }
 

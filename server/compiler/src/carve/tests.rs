@@ -63,8 +63,8 @@ fn passage(shaft: bool) -> Vec<Triangle> {
     ]
     .into();
     let around = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
-    // Polygons from each corner of the block to the near corners of the passage, and polygons above,
-    // below and beside the passage.
+    // Polygons from each corner of the block to the near corners of the passage, and polygons
+    // above, below and beside the passage.
     let mut faces = Vec::new();
     for i in 0..4 {
         let (corner, next) = (around[i], around[(i + 1) % 4]);

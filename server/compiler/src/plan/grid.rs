@@ -11,8 +11,8 @@ const APART_PX: f32 = 56.0;
 /// How dark lines are.
 const SHADE: f32 = 0.22;
 
-/// Draws lines of equal x and equal z at round numbers of metres, with the numbers at the top and on
-/// the left.
+/// Draws lines of equal x and equal z at round numbers of metres, with the numbers at the top and
+/// on the left.
 pub(super) fn draw(level: &Level<'_>, picture: &mut Picture) {
     let sheet = level.sheet;
     let step = step_m(sheet.px_per_m);

@@ -58,8 +58,8 @@ fn levels<'a>(sheet: &'a Sheet<'a>, floors: &'a [f32]) -> impl Iterator<Item = S
 pub struct StoreyPlan {
     /// The picture.
     pub picture: Picture,
-    /// Avatars whose feet are at these heights are on this storey, in metres. They are infinite below
-    /// the lowest storey and above the highest.
+    /// Avatars whose feet are at these heights are on this storey, in metres. They are infinite
+    /// below the lowest storey and above the highest.
     pub feet: Range<f32>,
     /// The height at which the storey is cut, in metres.
     pub cut: f32,

@@ -2,7 +2,8 @@
 //!
 //! A building tells its rooms from its voids, plenums and roofs by what can be seen there: rooms
 //! have roofs and walls, which show their fronts; many have furniture and a view out; and an attic
-//! is above a room. Nothing here decides alone, because models have flipped triangles, missing roofs and skies that are boxes.
+//! is above a room. Nothing here decides alone, because models have flipped triangles, missing
+//! roofs and skies that are boxes.
 
 use std::collections::HashSet;
 
@@ -124,7 +125,8 @@ fn nearness(distance: f32) -> f32 {
 /// level, and `is_upper` tells that somebody can stand below it too.
 pub(super) fn merit(around: &Surroundings, headroom: f32, level: f32, is_upper: bool) -> f32 {
     let Surroundings { walled, roofed, backs, .. } = *around;
-    // Rooms have both, streets and yards have walls, and below a building on stilts there is a roof.
+    // Rooms have both, streets and yards have walls, and below a building on stilts there is a
+    // roof.
     let sheltered = 0.02 + 0.48 * walled + 0.5 * roofed * walled.sqrt();
     let is_on_roof = is_upper && nearness(headroom) == 0.0;
     let below_sky = if is_on_roof { 0.1 } else { 1.0 };

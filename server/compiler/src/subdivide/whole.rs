@@ -14,8 +14,8 @@ const TARGETS: usize = 64;
 /// The points that look, along each axis of a space.
 const EYES_ALONG: usize = 3;
 
-/// For each space, whether all of it sees all of the spaces that it may see, as far as samples tell.
-/// `seen` has the spaces that each space may see.
+/// For each space, whether all of it sees all of the spaces that it may see, as far as samples
+/// tell. `seen` has the spaces that each space may see.
 pub(crate) fn see_all(spaces: &Spaces, seen: &[Vec<u32>]) -> Vec<bool> {
     let kept = spaces.tree.leaves.iter().zip(&spaces.kept).filter(|(_, kept)| **kept);
     let regions: Vec<Region> = kept.map(|(region, _)| region.clone().tightened()).collect();

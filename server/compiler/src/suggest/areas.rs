@@ -116,8 +116,8 @@ impl Areas {
         world.origin.is_some() || world.octree.solid_in(&column)
     }
 
-    /// Keeps areas that are rooms: large enough, under a roof, between walls, and not at the edge of
-    /// the plan.
+    /// Keeps areas that are rooms: large enough, under a roof, between walls, and not at the edge
+    /// of the plan.
     fn keep_rooms(&mut self, world: &World) {
         let labels =
             self.labels.iter().flatten().map(|label| *label as usize + 1).max().unwrap_or(0);

@@ -11,8 +11,8 @@ use super::room::{SuggestedRoom, SuggestedWindow};
 const APART_M: f32 = 0.02;
 
 /// A narrower window is a crack, in metres. It joins the nearest window beside it, or else becomes
-/// this wide: nobody wants to edit windows of half a millimetre, and leaving one out would deny what
-/// is visible through it.
+/// this wide: nobody wants to edit windows of half a millimetre, and leaving one out would deny
+/// what is visible through it.
 const NARROW_M: f32 = 0.05;
 
 /// The plane of an opening and the room behind it. Openings with the same key are joined.

@@ -1,7 +1,7 @@
 //! Which walls hide people, and why others do not.
 //!
-//! A wall hides people where its two sides are not open to each other: one of them is solid, or they
-//! are two spaces and no gate is there.
+//! A wall hides people where its two sides are not open to each other: one of them is solid, or
+//! they are two spaces and no gate is there.
 
 use glam::Vec3;
 use rayon::prelude::*;

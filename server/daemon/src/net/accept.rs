@@ -89,8 +89,8 @@ pub async fn accept(
     let _ = parting.await;
 }
 
-/// Lets those go who do not come back in time, until the server closes. It waits for the engine, and
-/// new connections do not.
+/// Lets those go who do not come back in time, until the server closes. It waits for the engine,
+/// and new connections do not.
 async fn part_overdue(state: Arc<ServerState>) {
     let mut closing = state.closing.clone();
     let mut overdue = tokio::time::interval(OVERDUE_INTERVAL);

@@ -98,8 +98,8 @@ documented! {
         /// The folder for the certificate, the database of visitors and compiled buildings; the
         /// user's data folder when there is none.
         data: Option<PathBuf>,
-        /// A world file of at least this many bytes is also handed out in pieces, of which a visitor
-        /// needs few to see what is around it. A smaller one arrives as a whole at once.
+        /// A world file of at least this many bytes is also handed out in pieces, of which a
+        /// visitor needs few to see what is around it. A smaller one arrives as a whole at once.
         pieces_from_bytes: u64,
         /// The building or world file to serve; the demo building when there is none.
         world: Option<PathBuf>,

@@ -106,8 +106,8 @@ impl Refusals {
         self.0[reason as usize].fetch_add(1, Relaxed);
     }
 
-    /// All refusals by which a peer lost something: a line of the log, a handshake that goes on once
-    /// the address is proven, and poses or pieces that wait are none of them.
+    /// All refusals by which a peer lost something: a line of the log, a handshake that goes on
+    /// once the address is proven, and poses or pieces that wait are none of them.
     pub(crate) fn total(&self) -> u64 {
         let costs_nothing = [Reason::Unproven, Reason::LogLine, Reason::SendBudget, Reason::Pieces]
             .map(|reason| reason as usize);

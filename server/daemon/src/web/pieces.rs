@@ -21,8 +21,8 @@ use crate::net::ServedPieces;
 /// The name by which the head is asked for.
 const HEAD: &str = "head";
 
-/// `GET /pieces/ID/head` and `GET /pieces/ID/3,4,9`: the head of that id, and pieces of its world by
-/// their numbers, one after the other.
+/// `GET /pieces/ID/head` and `GET /pieces/ID/3,4,9`: the head of that id, and pieces of its world
+/// by their numbers, one after the other.
 pub(super) async fn pieces(
     State(site): State<Arc<Site>>,
     Extension(visitor): Extension<Visitor>,

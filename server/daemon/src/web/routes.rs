@@ -82,19 +82,19 @@ impl Site {
         (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "2")], said).into_response()
     }
 
-    /// Who asks by a request.
-    fn visitor(&self, peer: SocketAddr, headers: &HeaderMap) -> Visitor {
+    /// Who asks by a request. None when a proxy says it in a way that cannot be read.
+    fn visitor(&self, peer: SocketAddr, headers: &HeaderMap) -> Option<Visitor> {
         let is_trusted = self.is_secure
             || host::host(headers).is_some_and(|host| is_own_machine(host::name(host)));
         if !self.is_proxy(peer.ip()) {
-            return Visitor { address: peer, is_secure: is_trusted };
+            return Some(Visitor { address: peer, is_secure: is_trusted });
         }
-        let forwarded = host::text(headers.get("x-forwarded-for"));
-        // What comes before the last entry is what the visitor claims.
-        let last = forwarded.and_then(|all| all.rsplit(',').next()?.trim().parse().ok());
-        let address = last.map_or(peer, |address: IpAddr| (address, 0).into());
-        let scheme = host::text(headers.get("x-forwarded-proto"));
-        Visitor { address, is_secure: is_trusted || scheme == Some("https") }
+        let address = match last_entry(headers, "x-forwarded-for") {
+            Some(entry) => (address_in(entry?)?, 0).into(),
+            None => peer,
+        };
+        let is_https = last_entry(headers, "x-forwarded-proto") == Some(Some("https"));
+        Some(Visitor { address, is_secure: is_trusted || is_https })
     }
 
     /// Whether the listener answers to a host. A page of another site can make a browser ask this
@@ -103,6 +103,20 @@ impl Site {
         let Some(host) = host::host(headers) else { return false };
         !self.is_local || is_own_name(host) || self.door.is_listed(host)
     }
+}
+
+/// What the last proxy added to a header, if there is one: `Some(None)` when it is not text. What
+/// comes before, in the same line or in lines before it, is what the visitor claims.
+fn last_entry<'a>(headers: &'a HeaderMap, name: &str) -> Option<Option<&'a str>> {
+    let line = headers.get_all(name).iter().next_back()?;
+    Some(host::text(Some(line)).and_then(|line| line.rsplit(',').next()).map(str::trim))
+}
+
+/// An address as proxies write it: some add a port.
+fn address_in(entry: &str) -> Option<IpAddr> {
+    let with_port = || entry.parse::<SocketAddr>().ok().map(|address| address.ip());
+    let bare = entry.trim_start_matches('[').trim_end_matches(']');
+    bare.parse().ok().or_else(with_port)
 }
 
 /// Whether a name is this machine's for a browser on it, which then trusts plain HTTP.
@@ -117,7 +131,10 @@ async fn guard(State(site): State<Arc<Site>>, mut request: Request, next: Next) 
     let Some(&Peer(peer)) = request.extensions().get() else {
         return StatusCode::INTERNAL_SERVER_ERROR.into_response();
     };
-    let visitor = site.visitor(peer, request.headers());
+    let Some(visitor) = site.visitor(peer, request.headers()) else {
+        let said = "the proxy's x-forwarded-for ends with no address\n";
+        return (StatusCode::BAD_REQUEST, said).into_response();
+    };
     if !site.rates.allows(visitor.address.ip(), site.door.now()) {
         site.door.count_refusal(Reason::WebRequests);
         let wait = [(header::RETRY_AFTER, "1")];
@@ -133,4 +150,42 @@ async fn guard(State(site): State<Arc<Site>>, mut request: Request, next: Next) 
     headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     response
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn headers(lines: &[&str]) -> HeaderMap {
+        let name = || header::HeaderName::from_static("x-forwarded-for");
+        let value = |line: &str| HeaderValue::from_bytes(line.as_bytes()).expect("no control");
+        lines.iter().map(|line| (name(), value(line))).collect()
+    }
+
+    #[test]
+    fn what_the_last_proxy_added_counts_in_whichever_line() {
+        for (lines, last) in [
+            (&[][..], None),
+            (&["198.51.100.7"], Some(Some("198.51.100.7"))),
+            (&["127.0.0.1, 198.51.100.7"], Some(Some("198.51.100.7"))),
+            (&["127.0.0.1", "198.51.100.7"], Some(Some("198.51.100.7"))),
+            (&["198.51.100.7", "\u{e9}"], Some(None)),
+        ] {
+            assert_eq!(last_entry(&headers(lines), "x-forwarded-for"), last, "{lines:?}");
+        }
+    }
+
+    #[test]
+    fn an_address_may_have_a_port() {
+        let of = |entry| address_in(entry).map(|address| address.to_string());
+        for entry in ["198.51.100.7", "198.51.100.7:5012"] {
+            assert_eq!(of(entry).as_deref(), Some("198.51.100.7"), "{entry}");
+        }
+        for entry in ["2001:db8::7", "[2001:db8::7]", "[2001:db8::7]:5012"] {
+            assert_eq!(of(entry).as_deref(), Some("2001:db8::7"), "{entry}");
+        }
+        for entry in ["", "unknown", "198.51.100", "198.51.100.7:x"] {
+            assert_eq!(of(entry), None, "{entry}");
+        }
+    }
 }

@@ -1,3 +1,5 @@
+//! A client of the example: it walks, and reports when it must.
+
 use std::{collections::BTreeMap, mem, time::Duration};
 
 use glam::Vec3;
@@ -57,7 +59,8 @@ impl Visitor {
                     && self.tolerance.holds_turn(&course, &self.pose)
             }
         };
-        if is_silent && !mem::take(&mut self.is_asked) {
+        let is_asked = mem::take(&mut self.is_asked);
+        if is_silent && !is_asked {
             return None;
         }
         let report = Report { made: now, orders: self.orders, pose: self.pose };

@@ -53,7 +53,8 @@ pub(super) struct Audit {
     stride: Duration,
     /// When the next comparison is due.
     next: Duration,
-    /// For so long after a join or a jump an avatar need not be known, and need not know others.
+    /// The time after a join or a jump in which an avatar need not be known, and need not know
+    /// others.
     settling: Duration,
     report: OracleReport,
     totals: Totals,

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use sightline_cli::pose_error::{ErrorsByDistance, PoseErrors};
-use sightline_client_core::replica::{BLEND, Replica, VisibleAvatar};
+use sightline_client_core::replica::{BLEND, Replica, ShownAvatar};
 use sightline_engine::Engine;
 use sightline_visibility::rooms::SealedRooms;
 use sightline_world::motion::{AvatarId, Pose};
@@ -106,7 +106,7 @@ impl Audit {
     pub(super) fn look_from(&self, viewer: &Participant<'_>, scene: &Scene<'_>) -> ViewerFindings {
         let mut findings = ViewerFindings::default();
         let others = scene.all.iter().enumerate().filter(|(_, o)| o.avatar != viewer.avatar);
-        let shown = viewer.replica.visible(scene.now);
+        let shown = viewer.replica.shown_avatars(scene.now);
         for (place, other) in others {
             let pair = Pair { now: scene.now, viewer, other };
             let held = shown.binary_search_by_key(&other.avatar, |shown| shown.id);
@@ -164,7 +164,7 @@ impl ViewerFindings {
     }
 
     /// Compares where an avatar is shown with where it was one delay and two ticks ago.
-    fn compare_promise(&mut self, pair: &Pair<'_>, shown: &VisibleAvatar, scene: &Scene<'_>) {
+    fn compare_promise(&mut self, pair: &Pair<'_>, shown: &ShownAvatar, scene: &Scene<'_>) {
         let Scene { now, clients, network, engine, .. } = scene;
         let avatar = pair.other.avatar;
         let lag = network.delay(pair.viewer.avatar, avatar) + 2 * engine.config().tick;
@@ -175,7 +175,7 @@ impl ViewerFindings {
     }
 
     /// Compares with its bound the age of the place at which an avatar is shown.
-    fn compare_age(&mut self, pair: &Pair<'_>, shown: &VisibleAvatar, scene: &Scene<'_>) {
+    fn compare_age(&mut self, pair: &Pair<'_>, shown: &ShownAvatar, scene: &Scene<'_>) {
         let other = pair.other;
         let AgeBound { age: bound, lost } =
             scene.network.age_bound(pair.now, pair.viewer.avatar, other.avatar);
@@ -184,8 +184,8 @@ impl ViewerFindings {
         let tolerance_m = scene.tolerances.largest_m(other.avatar, since);
         let Scene { engine, .. } = scene;
         // A client tells only at its next tick that its avatar departs: half a tick later in the
-        // mean, and a whole one where it stops dead just before. What jitter then makes late, to the
-        // server and to the viewer, is joined within a short while.
+        // mean, and a whole one where it stops dead just before. What jitter then makes late, to
+        // the server and to the viewer, is joined within a short while.
         let moved_since = since.saturating_sub(BLEND);
         let speed = other.past.speed_max(moved_since);
         let in_a_tick_m = speed * (engine.config().tick / 2).as_secs_f32();
@@ -202,7 +202,7 @@ impl ViewerFindings {
             Within::new(0.0, untold_m)
         };
         let age = other.past.age_within(shown.pose.eye, within);
-        // A place where it was not for so long is older than that.
+        // A place that it left longer ago is older than that.
         let age = age.unwrap_or(bound + PAST_SPARE);
         self.ages += 1;
         self.age_sum += age;

@@ -31,8 +31,8 @@ const TICKS: u32 = 140;
 const BEGIN: u32 = 50;
 /// Those whose view is looked at.
 const VIEWERS: [u32; 3] = [1, 400, 999];
-/// As `docs/design/protocol.md` says: viewers see near avatars within this error, two ticks after a departure;
-/// nobody is shown off by more for two seconds.
+/// As `docs/design/protocol.md` says: viewers see near avatars within this error, two ticks after a
+/// departure; nobody is shown off by more for two seconds.
 const NEAR_M: f32 = 10.0;
 const NEAR_TICKS: u32 = 2;
 const OFF_MAX_M: f32 = 1.0;
@@ -101,8 +101,8 @@ struct Viewer {
     decoder: PoseDecoder,
     /// Each course that it was told, and its tick.
     known: BTreeMap<AvatarId, (u32, WirePose)>,
-    /// How many ticks in a row each avatar is shown off by more than the viewer can hardly tell, and
-    /// by more than the bound.
+    /// How many ticks in a row each avatar is shown off by more than the viewer can hardly tell,
+    /// and by more than the bound.
     off: BTreeMap<AvatarId, [u32; 2]>,
     /// The longest of these: of avatars near by, and of all.
     longest: [u32; 2],

@@ -131,9 +131,9 @@ impl Trace {
         (first, self.times.last().copied().unwrap_or_default())
     }
 
-    /// The pose of an avatar at a time, interpolated between samples. It is `None` when the avatar is
-    /// absent at the last sample time before. An avatar that would move faster than `speed_max`, in
-    /// metres a second, jumps: it stays where it was until the later sample.
+    /// The pose of an avatar at a time, interpolated between samples. It is `None` when the avatar
+    /// is absent at the last sample time before. An avatar that would move faster than `speed_max`,
+    /// in metres a second, jumps: it stays where it was until the later sample.
     pub fn pose_at(&self, id: u32, at: Duration, speed_max: f32) -> Option<Pose> {
         let track = self.tracks.get(&id)?;
         let now = self.times.partition_point(|time| *time <= at).checked_sub(1)? as u32;

@@ -107,8 +107,8 @@ impl Rows {
         Some(times.len() as u32 - 1)
     }
 
-    /// Converts angles, and derives velocities where the file has none. A yaw beyond a full turn can
-    /// only be in degrees; then all angles are.
+    /// Converts angles, and derives velocities where the file has none. A yaw beyond a full turn
+    /// can only be in degrees; then all angles are.
     fn finish(mut self) -> Result<Trace, TraceError> {
         if self.count == 0 {
             return Err(TraceError::Empty);

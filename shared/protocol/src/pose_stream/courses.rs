@@ -75,8 +75,8 @@ impl AvatarRecord {
         self.acknowledged.is_some_and(|known| known.sequence >= self.course_sequence)
     }
 
-    /// Takes in that a datagram was lost. If it was the last one with the course, that is sent again
-    /// at once.
+    /// Takes in that a datagram was lost. If it was the last one with the course, that is sent
+    /// again at once.
     pub(super) fn lose(&mut self, sequence: u32) {
         if sequence >= self.course_sequence && !self.is_settled() {
             self.copies = self.copies.saturating_sub(1);

@@ -58,7 +58,8 @@ pub struct PoseEncoder {
     /// with at most [`SENT_POSES_MAX`] poses.
     pub(super) sent: VecDeque<SentDatagram>,
     pub(super) sent_poses: usize,
-    /// Avatars whose course is not acknowledged, and whose last datagram is not remembered any more.
+    /// Avatars whose course is not acknowledged, and whose last datagram is not remembered any
+    /// more.
     forgotten: Vec<AvatarId>,
     /// The tick of the last call.
     tick: u32,
@@ -122,14 +123,14 @@ impl PoseEncoder {
     }
 
     /// Makes sure that the client gets datagrams before long, even if there are no poses. It tells
-    /// the server's clock by what arrives soonest, and what was on the stream may have been lost and
-    /// sent again.
+    /// the server's clock by what arrives soonest, and what was on the stream may have been lost
+    /// and sent again.
     pub fn tell_clock(&mut self) {
         self.clock_copies = CLOCK_COPIES;
     }
 
-    /// Takes in the poses at a tick of avatars with a new course, in ascending order of id, and where
-    /// the viewer's eye is. They wait for the next datagrams.
+    /// Takes in the poses at a tick of avatars with a new course, in ascending order of id, and
+    /// where the viewer's eye is. They wait for the next datagrams.
     pub fn tell(&mut self, tick: u32, from: Vec3, poses: &[(AvatarId, Pose)]) {
         debug_assert!(poses.is_sorted_by(|(a, _), (b, _)| a < b), "poses in ascending order");
         self.from = from;
@@ -176,8 +177,8 @@ impl PoseEncoder {
     }
 
     /// Encodes a datagram at a tick, with the courses that wait and those that the client has not
-    /// acknowledged in time: all, or those that matter most to the viewer. The others wait on. `None`
-    /// when there is nothing to send. Call it at every tick at which something [is
+    /// acknowledged in time: all, or those that matter most to the viewer. The others wait on.
+    /// `None` when there is nothing to send. Call it at every tick at which something [is
     /// due](PoseEncoder::has_due). A datagram has at most [`DATAGRAM_BYTES_MAX`] bytes.
     pub fn encode(&mut self, tick: u32) -> Option<Vec<u8>> {
         self.tick = tick;

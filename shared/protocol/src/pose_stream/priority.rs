@@ -14,9 +14,9 @@ use crate::quantise::{SPEED_UNITS, WirePose};
 
 /// Avatars within this distance of their viewer come first, in metres.
 pub const NEAR_M: f32 = 10.0;
-/// A course that has waited for so long comes before all that have not.
+/// A course that has waited for this long comes before all that have not.
 pub const OVERDUE: Duration = Duration::from_millis(1_500);
-/// A turn by a radian moves the side of a body by so much, in metres.
+/// How far a turn by a radian moves the side of a body, in metres.
 const TURN_M: f32 = 0.25;
 /// Even an avatar that is shown where it is gathers priority as if it were so far off, in metres.
 const ERROR_MIN_M: f32 = 0.02;

@@ -178,8 +178,8 @@ impl Occluders {
         PairVerdict::Partial(best)
     }
 
-    /// Looks among the occluders that one of the lines meets for one that blocks all lines, as far as
-    /// the budget goes.
+    /// Looks among the occluders that one of the lines meets for one that blocks all lines, as far
+    /// as the budget goes.
     fn judge_along(
         &self,
         recent: &mut Vec<u32>,

@@ -56,8 +56,8 @@ impl BoxTree {
     }
 
     /// Finds the numbers of all boxes that may meet a convex region, and of a few others, in
-    /// ascending order. `may_meet` tells whether some of a box may be in the region; where it denies
-    /// a box, it denies all boxes inside.
+    /// ascending order. `may_meet` tells whether some of a box may be in the region; where it
+    /// denies a box, it denies all boxes inside.
     pub(super) fn find(&self, may_meet: impl Fn(&DAabb) -> bool, found: &mut Vec<u32>) {
         found.clear();
         let mut index = 0;

@@ -1,7 +1,7 @@
 //! Which voxels and movers of a building rooms show to an eye.
 //!
-//! An eye outside an opaque room is not shown what is behind that room. Everything else is shown to an
-//! eye in no room that restricts what is seen from it. In such a room:
+//! An eye outside an opaque room is not shown what is behind that room. Everything else is shown to
+//! an eye in no room that restricts what is seen from it. In such a room:
 //!
 //! * A set of what is visible shows the voxels in its places.
 //! * A set of what is hidden shows all voxels but those in its places.
@@ -17,8 +17,8 @@
 //! object.
 //!
 //! Movers are not made of voxels. A mover that a set names is itself shown or hidden, and the
-//! voxels around it are not. A mover counts with the box that it never leaves: some of that box in a
-//! visible place is enough to show it, and all of it in a hidden place is needed to hide it.
+//! voxels around it are not. A mover counts with the box that it never leaves: some of that box in
+//! a visible place is enough to show it, and all of it in a hidden place is needed to hide it.
 
 use glam::Vec3;
 use sightline_world::{
@@ -49,8 +49,8 @@ pub struct BuildingSight {
     axes: Axes,
     /// The edge of a voxel, in metres.
     voxel: f32,
-    /// The restricting rooms around the eye. Where there is none, everything is shown that no opaque
-    /// room hides.
+    /// The restricting rooms around the eye. Where there is none, everything is shown that no
+    /// opaque room hides.
     rooms: Vec<RoomSight>,
     /// What each opaque room hides, in own axes.
     hidden: Vec<BooleanRegion>,
@@ -254,7 +254,7 @@ impl Place {
     }
 
     /// Whether a box may share with the place a length of at least `least` along each axis, in
-    /// metres: never wrongly denied.
+    /// metres: may be wrongly true, never wrongly false.
     fn may_share(&self, region: &Aabb, least: f32) -> bool {
         let shared = self.bounds.intersection(region).size();
         let outside = |side: &HalfSpace| side.containment(region) == Containment::Outside;

@@ -1,8 +1,8 @@
 //! Rooms from near to far, and which of them nearer rooms hide (Menon and Rossignac 1999, FIG. 7,
 //! steps 703 and 705).
 //!
-//! A room that is [opaque](sightline_world::rooms::Room::opaque) hides another one when it hides all
-//! of the box around it. A room that is hidden only in part is kept as a whole.
+//! A room that is [opaque](sightline_world::rooms::Room::opaque) hides another one when it hides
+//! all of the box around it. A room that is hidden only in part is kept as a whole.
 
 use glam::Vec3;
 use sightline_world::{geometry::Aabb, rooms::RoomId};

@@ -79,7 +79,7 @@ impl RoomIndex {
         self.rooms_of_cell.get(cell.0 as usize).map_or(&[], Vec::as_slice)
     }
 
-    /// Whether some of a box may be in a room: never wrongly denied.
+    /// Whether some of a box may be in a room: may be wrongly true, never wrongly false.
     fn meets(&self, id: RoomId, region: &Aabb) -> bool {
         self.room(id).pieces.iter().any(|piece| piece.meets(region))
     }

@@ -4,8 +4,8 @@
 //! nothing beyond the room. What is in the room is up to other rules.
 //!
 //! A place is hidden when a single convex piece of the room hides all of it. The points that a
-//! convex piece hides from an eye make a convex set, and so do the eyes from which it hides a point.
-//! So a piece hides all of a box from a box of eyes when it stands between each two of their
+//! convex piece hides from an eye make a convex set, and so do the eyes from which it hides a
+//! point. So a piece hides all of a box from a box of eyes when it stands between each two of their
 //! corners.
 
 use glam::{DVec3, Vec3};
@@ -45,8 +45,8 @@ impl OpaqueRoom {
         Self { pieces: pieces.iter().map(OpaquePiece::new).collect(), inward }
     }
 
-    /// Whether the room hides all of a box from all eyes in another: never wrongly affirmed. It
-    /// hides nothing from an eye inside, and nothing that reaches into it.
+    /// Whether the room hides all of a box from all eyes in another: may be wrongly false, never
+    /// wrongly true. It hides nothing from an eye inside, and nothing that reaches into it.
     pub(super) fn hides(&self, eyes: &Aabb, body: &Aabb) -> bool {
         let near = eyes.union(body);
         self.pieces.iter().any(|part| part.piece.bounds.intersects(&near))
@@ -56,8 +56,8 @@ impl OpaqueRoom {
             && !self.inward.show(eyes, body)
     }
 
-    /// All that the room hides from an eye. What is less than `wall_m` outside of the room counts as
-    /// in it. `None` for an eye inside.
+    /// All that the room hides from an eye. What is less than `wall_m` outside of the room counts
+    /// as in it. `None` for an eye inside.
     pub(super) fn hidden_from(&self, eye: Vec3, wall_m: f32) -> Option<BooleanRegion> {
         let eyes = Aabb::new(eye, eye);
         if self.meets(&eyes) {
@@ -70,7 +70,7 @@ impl OpaqueRoom {
         Some(BooleanRegion::All(vec![BooleanRegion::Any(shadows), shown]))
     }
 
-    /// Whether some of a box may be in the room: never wrongly denied.
+    /// Whether some of a box may be in the room: may be wrongly true, never wrongly false.
     fn meets(&self, region: &Aabb) -> bool {
         self.pieces.iter().any(|part| part.piece.meets(region))
     }
@@ -121,8 +121,8 @@ impl OpaquePiece {
         BooleanRegion::within(facing.chain(cone))
     }
 
-    /// The half-space through an eye and two corners that holds all corners. `None` when there is no
-    /// such half-space.
+    /// The half-space through an eye and two corners that holds all corners. `None` when there is
+    /// no such half-space.
     fn tangent(&self, eye: DVec3, a: DVec3, b: DVec3) -> Option<HalfSpace> {
         let normal = (a - eye).cross(b - eye).try_normalize()?;
         let heights = self.corners.iter().map(|at| (normal.dot(*at - eye), at.distance(eye)));

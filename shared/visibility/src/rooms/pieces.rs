@@ -101,7 +101,7 @@ impl ConvexPiece {
         self.bounds.grown(ROOM_BOUNDARY_M).contains_box(region) && self.sides.iter().all(within)
     }
 
-    /// Whether some of a box may be inside: never wrongly denied.
+    /// Whether some of a box may be inside: may be wrongly true, never wrongly false.
     pub fn meets(&self, region: &Aabb) -> bool {
         let apart = |side: &HalfSpace| {
             side.moved(ROOM_BOUNDARY_M.into()).containment(region) == Containment::Outside
@@ -116,7 +116,7 @@ impl ConvexPiece {
     }
 }
 
-/// Whether pieces together hold all of a box. Sometimes wrongly denied, never wrongly affirmed.
+/// Whether pieces together hold all of a box: may be wrongly false, never wrongly true.
 pub(super) fn cover<'a>(pieces: impl Iterator<Item = &'a ConvexPiece>, region: &Aabb) -> bool {
     let pieces: Vec<&ConvexPiece> = pieces.filter(|piece| piece.meets(region)).collect();
     let mut open = vec![*region];

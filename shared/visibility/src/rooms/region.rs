@@ -75,7 +75,7 @@ impl BooleanRegion {
         }
     }
 
-    /// Whether some of a box may be in the region: never wrongly denied.
+    /// Whether some of a box may be in the region: may be wrongly true, never wrongly false.
     pub fn meets(&self, region: &Aabb) -> bool {
         self.containment(region) != Containment::Outside
     }
@@ -89,9 +89,9 @@ impl BooleanRegion {
         }
     }
 
-    /// A region of at most `planes_max` half-spaces that holds all of this one. Regions that were taken
-    /// out are filled in first. Then half-spaces are dropped: those that differ least from the kept
-    /// ones.
+    /// A region of at most `planes_max` half-spaces that holds all of this one. Regions that were
+    /// taken out are filled in first. Then half-spaces are dropped: those that differ least from
+    /// the kept ones.
     pub fn simplified(&self, planes_max: usize) -> Self {
         if self.planes() <= planes_max {
             return self.clone();

@@ -91,7 +91,7 @@ impl<'a> ViewpointSight<'a> {
         Self { world, index, field: BooleanRegion::within(viewpoint.field()), eyes, windows }
     }
 
-    /// Whether some of a box may be seen: never wrongly denied.
+    /// Whether some of a box may be seen: may be wrongly true, never wrongly false.
     fn sees(&self, region: &Aabb) -> bool {
         if !self.field.meets(region) {
             return false;

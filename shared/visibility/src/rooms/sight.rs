@@ -115,7 +115,7 @@ impl RoomWindows {
     }
 
     /// Whether some eye that looks all round may see some of a box outside through the windows:
-    /// never wrongly denied.
+    /// may be wrongly true, never wrongly false.
     pub fn show(&self, eyes: &Aabb, body: &Aabb) -> bool {
         let first = (0..self.parts.len()).filter(|at| self.parts[*at].is_first);
         first.into_iter().any(|at| self.part_shows(at, eyes, body))

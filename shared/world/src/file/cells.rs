@@ -272,8 +272,9 @@ pub(super) fn read_pvs(input: &mut SectionReader, cells: usize) -> Result<Pvs, R
     if input.is_empty() { Ok(both_ways(upper)) } else { bad("the PVS") }
 }
 
-/// Adds the lower half of a symmetric PVS to its upper half. Successive cells see nearly the same, so
-/// each column consists of few runs, and only where a row differs from the one before is there work.
+/// Adds the lower half of a symmetric PVS to its upper half. Successive cells see nearly the same,
+/// so each column consists of few runs, and only where a row differs from the one before is there
+/// work.
 fn both_ways(mut rows: Pvs) -> Pvs {
     let mut lesser = vec![RoaringBitmap::new(); rows.len()];
     // For each cell, the first of the run of cells before it that see it.

@@ -19,8 +19,9 @@ const SIDE_MAX: u32 = 1 << 20;
 /// The least distance between probes, in metres.
 const SPACING_MIN: f32 = 0.01;
 
-/// A byte tells whether there is baked light, which follows. The places of probes are given as steps
-/// from one to the next, and each byte of a probe as the difference from that of the one before.
+/// A byte tells whether there is baked light, which follows. The places of probes are given as
+/// steps from one to the next, and each byte of a probe as the difference from that of the one
+/// before.
 pub(super) fn to_bytes(light: Option<&BakedLight>) -> Vec<u8> {
     let Some(light) = light else { return vec![0] };
     let BakedLight { exposure, brightest, sky, grid } = light;

@@ -8,10 +8,10 @@
 //! | 40..48 | unpacked length of the sections, in bytes |
 //! | 48.. | the zstd frame |
 //!
-//! A section is a tag of four letters, the number of its bytes, and these bytes. The reader survives any bytes.
-//! It checks the content id before it unpacks anything. Since an attacker can compute the content
-//! id of a hostile file, it also checks every count against the bytes that are left before it takes
-//! memory, and every index before it stores it.
+//! A section is a tag of four letters, the number of its bytes, and these bytes. The reader
+//! survives any bytes. It checks the content id before it unpacks anything. Since an attacker can
+//! compute the content id of a hostile file, it also checks every count against the bytes that are
+//! left before it takes memory, and every index before it stores it.
 
 mod cells;
 mod light;
@@ -45,8 +45,8 @@ const VERSION: u32 = 7;
 const HEADER_BYTES: usize = 48;
 /// The greatest unpacked length of a world: 2 GiB.
 const UNPACKED_BYTES_MAX: u64 = 1 << 31;
-/// The sections of a world take this many times the bytes of its file at most. Those of buildings take
-/// less than ten times.
+/// The sections of a world take this many times the bytes of its file at most. Those of buildings
+/// take less than ten times.
 const UNPACKED_PER_BYTE: u64 = 64;
 /// The sections of a small world may take this, however small its file: 1 MiB.
 const UNPACKED_BYTES_SMALL: u64 = 1 << 20;

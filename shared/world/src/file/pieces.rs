@@ -7,9 +7,9 @@
 //! | then | the sections `WRLD`, `TRNK`, `TABL` and `VIEW` |
 //!
 //! `WRLD` is a world file without voxels and without what clients do not need. `TRNK` is the
-//! octree's trunk. `TABL` has, for each piece, the first 16 bytes of its BLAKE3 hash, and its length.
-//! `VIEW` has the viewpoints and what may be seen from each, in a zstd frame. The pieces are
-//! numbered by branch, and within a branch by grade.
+//! octree's trunk. `TABL` has, for each piece, the first 16 bytes of its BLAKE3 hash, and its
+//! length. `VIEW` has the viewpoints and what may be seen from each, in a zstd frame. The pieces
+//! are numbered by branch, and within a branch by grade.
 
 use std::{fmt, sync::Arc};
 
@@ -73,7 +73,8 @@ pub struct Viewpoints {
 }
 
 impl Viewpoints {
-    /// The spaces of a building. A space of which parts lie apart in the tree is several viewpoints.
+    /// The spaces of a building. A space of which parts lie apart in the tree is several
+    /// viewpoints.
     pub fn of(cells: &Cells) -> Self {
         // The space that is all of what is below a node; `u32::MAX` where there is none.
         const SOLID: u32 = u32::MAX;
@@ -293,8 +294,8 @@ impl WorldHead {
         &self.seen
     }
 
-    /// The branches that may be seen from where an eye is. `None` where nothing is known of it: then
-    /// all may be seen.
+    /// The branches that may be seen from where an eye is. `None` where nothing is known of it:
+    /// then all may be seen.
     pub fn seen_from(&self, eye: Vec3) -> Option<&RoaringBitmap> {
         self.seen.get(self.viewpoints.at(eye)?)
     }

@@ -4,11 +4,9 @@ use std::time::Duration;
 
 use glam::{Vec2, Vec3};
 
-use super::Body;
+use super::{Body, FREE_FALL};
 use crate::geometry::Aabb;
 
-/// The acceleration of a falling body, in metres per second squared.
-const GRAVITY: f32 = 20.0;
 /// The terminal speed of falling bodies in Quake maps, in metres per second.
 const FALL_MAX: f32 = 45.0;
 
@@ -88,7 +86,7 @@ impl Agility {
         let along = Vec2::new(velocity.x, velocity.z) * (0.5 * t);
         let aside = along.length() + self.dash * t + 0.5 * self.acceleration_max * t * t;
         let up = velocity.y.max(0.0) * t + self.step + self.climb * t;
-        let down = (-velocity.y).max(0.0) * t + self.step + 0.5 * GRAVITY * t * t;
+        let down = (-velocity.y).max(0.0) * t + self.step + 0.5 * FREE_FALL * t * t;
         let able = Aabb {
             min: eye + Vec3::new(along.x - aside, -down, along.y - aside),
             max: eye + Vec3::new(along.x + aside, up, along.y + aside),
@@ -100,7 +98,7 @@ impl Agility {
     /// that is faster than the limit, because of a fall or a push, may keep its speed.
     pub fn way(&self, velocity: Vec3, time: Duration) -> f32 {
         let t = time.as_secs_f32();
-        let falls = if self.fall_max > self.speed_max { 0.5 * GRAVITY * t * t } else { 0.0 };
+        let falls = if self.fall_max > self.speed_max { 0.5 * FREE_FALL * t * t } else { 0.0 };
         velocity.length().max(self.speed_max) * t + falls
     }
 }

@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::turn_between;
 
-/// The acceleration of a body in free fall, in metres per second squared: 800 units of Quake maps.
-/// Other bodies that fall as fast share it; what falls otherwise does not count as falling freely.
+/// The acceleration of a body in free fall, in metres per second squared: that of a player of a
+/// Quake map, 800 map units. No body falls faster. A body that falls otherwise, such as a person at
+/// 9.81 m/s², never counts as falling freely, and reports more often.
 pub const FREE_FALL: f32 = 20.32;
 
 /// The number of an avatar: a participant as seen by others and as a viewer.

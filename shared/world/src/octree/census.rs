@@ -15,8 +15,8 @@ const FEW: usize = 4_096;
 const CHOSEN: usize = 30_000;
 
 /// The most packed bytes per voxel that colours may take in a trial. The finest grain within this
-/// limit is chosen. Finer steps between neighbours are mere noise. A whole building packs better than the
-/// trial.
+/// limit is chosen. Finer steps between neighbours are mere noise. A whole building packs better
+/// than the trial.
 const WIRE_BYTES: f64 = 0.9;
 
 /// The number of voxels in the trial.

@@ -93,8 +93,8 @@ pub enum MovingError {
 
 /// Draws from the first spawn point, where the eye turns once in `pictures` pictures, with a
 /// growing number of moving things: at most `most`. Compares the three ways of culling. Of
-/// `options.repeats` rounds the cheapest counts. The world's own movers are left out. Calls `progress`
-/// with the share done, from 0 to 1.
+/// `options.repeats` rounds the cheapest counts. The world's own movers are left out. Calls
+/// `progress` with the share done, from 0 to 1.
 ///
 /// # Errors
 /// See [`MovingError`].

@@ -86,11 +86,11 @@ pub struct Args {
     /// Measure only this mode of the renderer, and the rays.
     #[arg(long, value_name = "MODE", value_enum, conflicts_with_all = ["compare", "pictures", "moving", "fuzzy"])]
     mode: Option<ModeFlag>,
-    /// Compare the modes of the renderer with perspective mode instead, from all spawn points and along the path.
-    /// Reports the shares of pixels whose colour differs by more than rounding (differing), whose
-    /// colour is unlike all pixels around them in the other picture (unlike), and whose depth is
-    /// shifted by more than one pixel (shifted); the largest shift; and the share of projections
-    /// that the mode still needs.
+    /// Compare the modes of the renderer with perspective mode instead, from all spawn points and
+    /// along the path. Reports the shares of pixels whose colour differs by more than rounding
+    /// (differing), whose colour is unlike all pixels around them in the other picture (unlike),
+    /// and whose depth is shifted by more than one pixel (shifted); the largest shift; and the
+    /// share of projections that the mode still needs.
     #[arg(long)]
     compare: bool,
     /// Measure moving things instead: up to this many chairs or people, first everywhere, then only

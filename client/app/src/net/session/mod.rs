@@ -12,7 +12,7 @@ use quinn::VarInt;
 use sightline_client_core::{
     arriving::ArrivingWorld,
     presence::{Link, Presence},
-    replica::{AvatarSource, Event, HeldAvatar, Update, VisibleAvatar},
+    replica::{AvatarSource, Event, HeldAvatar, ShownAvatar, Update},
     reporting::ReportingCounts,
 };
 use sightline_protocol::text::{ChatLine, TextError};
@@ -82,8 +82,8 @@ pub struct SessionStats {
     pub messages_in: u64,
     /// Application messages sent: control messages and datagrams.
     pub messages_out: u64,
-    /// How many datagrams with poses have arrived on this connection, and how many the server has sent
-    /// by then.
+    /// How many datagrams with poses have arrived on this connection, and how many the server has
+    /// sent by then.
     pub delivered: [u32; 2],
     /// Bytes of the received messages, without QUIC's own.
     pub bytes_in: u64,
@@ -135,8 +135,8 @@ impl Session {
         Ok(Self { shared, commands, task })
     }
 
-    /// The building. The server may replace it: each [`Event::Entered`] may be in another one. Where it
-    /// arrives in pieces, it has no voxels and no mesh: see [`Session::building`].
+    /// The building. The server may replace it: each [`Event::Entered`] may be in another one.
+    /// Where it arrives in pieces, it has no voxels and no mesh: see [`Session::building`].
     pub fn world(&self) -> Arc<World> {
         self.shared.lock().presence.world().clone()
     }
@@ -151,8 +151,8 @@ impl Session {
         }
     }
 
-    /// Asks for pieces of a building, the most urgent first, unless another one has taken its place.
-    /// They come however often the link breaks meanwhile.
+    /// Asks for pieces of a building, the most urgent first, unless another one has taken its
+    /// place. They come however often the link breaks meanwhile.
     pub fn ask_for_pieces(&self, building: &ArrivingWorld, numbers: &[usize]) {
         if let Some(pieces) = self.pieces_of(building) {
             pieces.ask(numbers);
@@ -203,23 +203,23 @@ impl Session {
         self.shared.lock().presence.replica.avatar()
     }
 
-    /// Sets the pose of this client's avatar, once per frame. The session reports it when it must: as
-    /// it is at the client's tick, between two frames or straight on from the last one.
+    /// Sets the pose of this client's avatar, once per frame. The session reports it when it must:
+    /// as it is at the client's tick, between two frames or straight on from the last one.
     pub fn set_pose(&self, pose: Pose) {
         let now = self.shared.now();
         self.shared.lock().presence.set_pose(now, pose);
     }
 
-    /// The pose of this client's avatar: the last one set, entered with or corrected to, or straight
-    /// on from there.
+    /// The pose of this client's avatar: the last one set, entered with or corrected to, or
+    /// straight on from there.
     pub fn pose(&self) -> Pose {
         self.shared.lock().presence.replica.pose()
     }
 
     /// The avatars that may be in view, with the poses to draw now.
-    pub fn visible(&self) -> Vec<VisibleAvatar> {
+    pub fn shown_avatars(&self) -> Vec<ShownAvatar> {
         let now = self.shared.now();
-        self.shared.lock().presence.replica.visible(now)
+        self.shared.lock().presence.replica.shown_avatars(now)
     }
 
     /// The server's time of the moment that is drawn now: see
@@ -245,8 +245,8 @@ impl Session {
         Ok(())
     }
 
-    /// Asks the server to put this avatar back to a spawn point. [`Event::Corrected`] follows, unless
-    /// the client asks too often.
+    /// Asks the server to put this avatar back to a spawn point. [`Event::Corrected`] follows,
+    /// unless the client asks too often.
     pub fn respawn(&self) {
         let _ = self.commands.try_send(SessionCommand::Respawn);
     }
@@ -303,7 +303,7 @@ impl AvatarSource for &Session {
         self.shared.lock().presence.replica.path(avatar, now, until)
     }
 
-    fn shown(&self, avatar: AvatarId, now: Duration) -> Option<VisibleAvatar> {
+    fn shown(&self, avatar: AvatarId, now: Duration) -> Option<ShownAvatar> {
         self.shared.lock().presence.replica.shown(avatar, now)
     }
 }

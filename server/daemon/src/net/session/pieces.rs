@@ -40,8 +40,9 @@ struct Given {
 }
 
 impl Given {
-    /// Whether so many bytes of a world may be given now, which has so many in all. All of it may be
-    /// given at once, and then as many in a second as the limit says: who drops some needs them again.
+    /// Whether so many bytes of a world may be given now, which has so many in all. All of it may
+    /// be given at once, and then as many in a second as the limit says: who drops some needs them
+    /// again.
     fn may_take(&self, world: u32, bytes: usize, all: usize, per_s: u32, now: Duration) -> bool {
         let mut budget = self.budget.lock().unwrap_or_else(PoisonError::into_inner);
         if budget.as_ref().is_none_or(|(of, _)| *of != world) {
@@ -79,8 +80,8 @@ impl Session<'_> {
         }
     }
 
-    /// Answers the requests on a stream. Ends when the client ends it, the world is offered no more,
-    /// or the client takes too long.
+    /// Answers the requests on a stream. Ends when the client ends it, the world is offered no
+    /// more, or the client takes too long.
     async fn hand_out(&self, mut stream: PieceStream, given: &Given) -> Result<(), SessionEnd> {
         let mut begin = [0; BEGIN_BYTES];
         if stream.read(&mut begin).await.is_none() {

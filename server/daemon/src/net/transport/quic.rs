@@ -29,7 +29,8 @@ pub struct QuicWriter(SendStream);
 /// A stream on which a world file is sent, with a lower priority than control messages.
 pub struct WorldStream(SendStream);
 
-/// A stream by which a client gets pieces of the world, with a lower priority than control messages.
+/// A stream by which a client gets pieces of the world, with a lower priority than control
+/// messages.
 pub struct PieceStream {
     to: SendStream,
     from: RecvStream,

@@ -87,8 +87,8 @@ impl SweptBox {
     }
 }
 
-/// The ends, within the box `far`, of lines that begin in the box `near` and pass a gate between two
-/// shares of their length. None if there are no such lines.
+/// The ends, within the box `far`, of lines that begin in the box `near` and pass a gate between
+/// two shares of their length. None if there are no such lines.
 fn narrowed_end(
     far: &SimdBox,
     near: &SimdBox,

@@ -269,8 +269,8 @@ impl PartialOctree {
         self.mark_trunk();
     }
 
-    /// Gives nodes their children, `height` levels above the leaves, and returns them unless they are
-    /// leaves. The lowest ones that are known get stand-ins.
+    /// Gives nodes their children, `height` levels above the leaves, and returns them unless they
+    /// are leaves. The lowest ones that are known get stand-ins.
     fn attach(&mut self, above: &[u32], level: &Level, height: u8, lowest: bool) -> Vec<u32> {
         let is_leaves = height == 0;
         let start =
@@ -297,8 +297,8 @@ impl PartialOctree {
         (start..next).collect()
     }
 
-    /// The first of the eight children of a node, `height` levels above the leaves, that fill it with
-    /// one material.
+    /// The first of the eight children of a node, `height` levels above the leaves, that fill it
+    /// with one material.
     fn stand_in(&mut self, material: u16, height: u8) -> u32 {
         if let Some(&first) = self.stand_ins.get(&(material, height)) {
             return first;
@@ -362,7 +362,8 @@ impl PartialOctree {
         }
     }
 
-    /// Whether all leaves, and whether some leaves, of a node, `height` levels above them, are glass.
+    /// Whether all leaves, and whether some leaves, of a node, `height` levels above them, are
+    /// glass.
     fn flags(&self, index: u32, height: u32) -> u8 {
         let InnerNode { first, material, mask, .. } = self.octree.inner[index as usize];
         let mut children = first..first + mask.count_ones();
