@@ -18,9 +18,10 @@ use std::{
 use clap::{Parser, ValueEnum};
 use rayon::prelude::*;
 use serde::Serialize;
+use sightline_engine::StationFault;
 use sightline_tests::{
     bench_flags::BenchFlags,
-    simulation::{BuildingPool, DetectionRate, Fault, SimulationOutcome, run},
+    simulation::{BuildingPool, DetectionRate, Fault, SimulationOutcome, run, run_stations},
 };
 
 /// The number of failures that are printed one by one.
@@ -41,6 +42,9 @@ struct Args {
     /// The number of buildings to compile. The building of a seed depends on it.
     #[arg(long, value_name = "N", default_value_t = 200)]
     buildings: u64,
+    /// Simulate several stations.
+    #[arg(long)]
+    stations: bool,
     /// Inject a fault, and count how often it is found.
     #[arg(long, default_value = "none")]
     fault: FaultFlag,
@@ -60,6 +64,10 @@ enum FaultFlag {
     ToleranceDoubled,
     LostDeparture,
     LateCertificate,
+    BusIgnored,
+    LateSubscription,
+    SilenceUnasked,
+    LeavingUnsaid,
 }
 
 impl From<FaultFlag> for Fault {
@@ -75,6 +83,10 @@ impl From<FaultFlag> for Fault {
             FaultFlag::ToleranceDoubled => Self::ToleranceDoubled,
             FaultFlag::LostDeparture => Self::LostDeparture,
             FaultFlag::LateCertificate => Self::LateCertificate,
+            FaultFlag::BusIgnored => Self::Station(StationFault::BusIgnored),
+            FaultFlag::LateSubscription => Self::Station(StationFault::LateSubscription),
+            FaultFlag::SilenceUnasked => Self::Station(StationFault::SilenceUnasked),
+            FaultFlag::LeavingUnsaid => Self::Station(StationFault::LeavingUnsaid),
         }
     }
 }
@@ -82,6 +94,7 @@ impl From<FaultFlag> for Fault {
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     let fault = Fault::from(args.fault);
+    let run = if args.stations { run_stations } else { run };
     if let Some(seed) = args.seed {
         let outcome = run(seed, &BuildingPool::only(seed, args.buildings), fault);
         println!("{outcome}\n\n{}", outcome.report);

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use sightline_tests::simulation::{
-    BuildingPool, DetectionRate, Fault, SimulationOutcome, outputs_by_tick, run,
+    BuildingPool, DetectionRate, Fault, SimulationOutcome, outputs_by_tick, run, run_stations,
 };
 
 /// Simulations of the engine without faults.
@@ -12,6 +12,10 @@ const SEEDS_BROKEN: u64 = 60;
 /// The least number of simulations in which each fault could act.
 const ACTED_MIN: usize = 10;
 const BUILDINGS: u64 = 40;
+/// The same for several stations.
+const SEEDS_OF_STATIONS: u64 = 34;
+const SEEDS_OF_STATIONS_BROKEN: u64 = 27;
+const BUILDINGS_OF_STATIONS: u64 = 24;
 /// Seeds that once broke a promise, or seemed to, in pools of this number of buildings.
 const ONCE_BROKEN_BUILDINGS: u64 = 200;
 const ONCE_BROKEN: [(u64, &str); 11] = [
@@ -64,14 +68,46 @@ fn any_number_of_threads_gives_the_same_outputs() {
     let pool = BuildingPool::new(4, &|| ());
     // One budget is enough for all sight tests, the other leaves most of them out.
     for (seed, sight_test_budget) in (0..4).zip([300_000, 5_000].into_iter().cycle()) {
-        let one = outputs_by_tick(seed, &pool, 70, 1, sight_test_budget);
+        let one = outputs_by_tick(seed, &pool, 70, 1, sight_test_budget, 0);
         let told: usize = one.iter().map(Vec::len).sum();
         assert!(told > 5_000, "seed {seed}: too few outputs: {told}");
         for threads in [2, 3] {
-            let several = outputs_by_tick(seed, &pool, 70, threads, sight_test_budget);
+            let several = outputs_by_tick(seed, &pool, 70, threads, sight_test_budget, 0);
             let differs = one.iter().zip(&several).position(|(one, several)| one != several);
             assert_eq!(differs, None, "seed {seed}: {threads} threads differ at that tick");
             assert_eq!(one.len(), several.len());
         }
+    }
+}
+
+#[test]
+fn one_station_gives_the_outputs_of_a_server_that_is_none() {
+    let pool = BuildingPool::new(2, &|| ());
+    for seed in 0..2 {
+        let [none, one] =
+            [0, 1].map(|stations| outputs_by_tick(seed, &pool, 24, 1, 300_000, stations));
+        assert!(none.iter().map(Vec::len).sum::<usize>() > 1_000, "seed {seed}: too few outputs");
+        assert!(none == one, "seed {seed}: a station differs");
+    }
+}
+
+#[test]
+fn several_stations_keep_all_promises_and_their_faults_are_found() {
+    let pool = BuildingPool::new(BUILDINGS_OF_STATIONS, &|| ());
+    let simulate = |seeds: u64, fault: Fault| -> Vec<SimulationOutcome> {
+        (0..seeds).into_par_iter().map(|seed| run_stations(seed, &pool, fault)).collect()
+    };
+    let outcomes = simulate(SEEDS_OF_STATIONS, Fault::None);
+    let bad: Vec<String> =
+        outcomes.iter().filter(|o| !o.is_good()).map(ToString::to_string).collect();
+    assert!(bad.is_empty(), "{} of {SEEDS_OF_STATIONS}:\n{}", bad.len(), bad.join("\n"));
+    let abroad = |o: &SimulationOutcome| o.report.oracle.as_ref().map_or(0, |o| o.pairs_abroad);
+    let abroad: u64 = outcomes.iter().map(abroad).sum();
+    assert!(abroad > 10_000, "too few visible pairs at two stations: {abroad}");
+    for fault in Fault::OF_STATIONS {
+        let broken = simulate(SEEDS_OF_STATIONS_BROKEN, fault);
+        let findings = DetectionRate::of(fault, outcomes.iter().zip(&broken));
+        println!("{fault:?} was {findings}");
+        assert!(findings.are_enough(fault) && findings.found > 0, "{fault:?} was {findings}");
     }
 }

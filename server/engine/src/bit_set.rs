@@ -50,6 +50,11 @@ impl BitSet {
         self.0.get(number as usize / 64).is_some_and(|word| word >> (number % 64) & 1 == 1)
     }
 
+    /// All numbers, ascending.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = u32> + '_ {
+        self.shared(self)
+    }
+
     /// The numbers that are in both sets, ascending.
     pub(crate) fn shared<'a>(&'a self, other: &'a Self) -> impl Iterator<Item = u32> + 'a {
         (0..).zip(self.0.iter().zip(&other.0)).flat_map(|(place, (word, other))| {
@@ -83,6 +88,7 @@ mod tests {
             let (mut x, mut y) = (BitSet::default(), BitSet::default());
             a.iter().for_each(|number| x.insert(*number));
             b.iter().for_each(|number| y.insert(*number));
+            prop_assert!(x.iter().eq(a.iter().copied()));
             prop_assert!(x.shared(&y).eq(a.intersection(&b).copied()));
             let mut all = x.clone();
             all.unite(&y);

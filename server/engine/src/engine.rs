@@ -11,6 +11,7 @@ use sightline_world::{
 use crate::{
     acuity::Acuity,
     building::Building,
+    bus::{StationId, StationOutput},
     claims::ClaimLimits,
     config::{Config, Policy},
     interest::{self, Explanation, Facts, SightBudget, Snapshot},
@@ -19,6 +20,7 @@ use crate::{
     regions::Indices,
     silence::{Deadlines, SilenceBudget, Silencing},
     slot::Slot,
+    stations::Stations,
     stats::{Counts, Stats},
     timing::Horizons,
     view::View,
@@ -48,6 +50,8 @@ pub struct Engine {
     pub(crate) indices: Indices,
     /// When clients are asked, or looked into.
     pub(crate) deadlines: Deadlines,
+    /// The other stations.
+    pub(crate) stations: Stations,
     sight_budget: SightBudget,
     pub(crate) silence_budget: SilenceBudget,
     pool: WorkerPool,
@@ -78,6 +82,7 @@ impl Engine {
             horizons: Horizons::new(&config),
             indices: Indices::new(&building),
             deadlines: Deadlines::new(config.tick),
+            stations: Stations::default(),
             sight_budget: SightBudget::default(),
             silence_budget: SilenceBudget::default(),
             pool: WorkerPool::new(config.threads),
@@ -101,10 +106,25 @@ impl Engine {
         Self { tick: ticks, ..self }
     }
 
+    /// The engine as a station with this name, which no other station on its bus has. What other
+    /// stations say comes by [`Engine::handle_station`]. Without any, an engine decides as one that is
+    /// no station.
+    pub fn as_station(self, station: StationId) -> Self {
+        Self { stations: Stations::new(station), ..self }
+    }
+
+    /// Takes what other stations must be told, in order. To be called after each other call.
+    pub fn take_station_outputs(&mut self) -> Vec<StationOutput> {
+        self.stations.take_outputs()
+    }
+
     /// Takes in what happened at a moment. What comes of it is told at the next tick. A moment
     /// before that of an earlier call counts as that one.
     pub fn handle(&mut self, now: Duration, input: Input) {
         let now = self.advance(now);
+        if self.is_of_guest(&input) {
+            return;
+        }
         match input {
             Input::Join { avatar, name, colour, place } => {
                 self.join(now, avatar, Profile { name, colour }, place);
@@ -131,6 +151,8 @@ impl Engine {
         self.tick = self.number_at(now);
         self.rounds = self.rounds.wrapping_add(1);
         self.silence_budget.left = self.config.silence_budget;
+        let first = outputs.len();
+        self.hear_stations();
         outputs.append(&mut self.pending);
         for id in self.silencing().expire(outputs) {
             self.expel(id, "it does not answer");
@@ -144,13 +166,14 @@ impl Engine {
         }
         self.update_interest(outputs);
         self.silencing().settle_all(&live, outputs);
+        self.tell_stations(outputs, first);
     }
 
     /// Decides who is told of whom at this tick.
     fn update_interest(&mut self, outputs: &mut Vec<Output>) {
-        let Self { building, config, horizons, population, pool, indices, .. } = self;
+        let Self { building, config, horizons, stations, population, pool, indices, .. } = self;
         let (now, tick, rounds) = (self.now, self.tick, self.rounds);
-        let view = View { building, config, horizons, now, tick, rounds };
+        let view = View { building, config, horizons, stations, now, tick, rounds };
         let mut snapshot = Snapshot::take(view, population);
         if config.policy.uses_cells() {
             snapshot.update_regions(view, pool, &mut indices.coarse);
@@ -180,22 +203,28 @@ impl Engine {
     }
 
     /// Moves time forward. It never goes back, and ends before sums of times overflow.
-    fn advance(&mut self, now: Duration) -> Duration {
+    pub(crate) fn advance(&mut self, now: Duration) -> Duration {
         self.now = self.now.max(now.min(NOW_MAX));
         debug_assert!(self.now <= NOW_MAX, "sums of times do not overflow");
         self.now
     }
 
+    /// The time of the last call.
+    pub(crate) fn now(&self) -> Duration {
+        self.now
+    }
+
     pub(crate) fn view(&self) -> View<'_> {
-        let Self { building, config, horizons, now, tick, rounds, .. } = self;
-        View { building, config, horizons, now: *now, tick: *tick, rounds: *rounds }
+        let Self { building, config, horizons, stations, now, tick, rounds, .. } = self;
+        View { building, config, horizons, stations, now: *now, tick: *tick, rounds: *rounds }
     }
 
     /// What changes when avatars are silenced, asked and woken.
     pub(crate) fn silencing(&mut self) -> Silencing<'_> {
-        let Self { building, config, horizons, now, tick, rounds, .. } = self;
+        let Self { building, config, horizons, stations, now, tick, rounds, .. } = self;
+        let (now, tick, rounds) = (*now, *tick, *rounds);
         Silencing {
-            view: View { building, config, horizons, now: *now, tick: *tick, rounds: *rounds },
+            view: View { building, config, horizons, stations, now, tick, rounds },
             population: &mut self.population,
             indices: &mut self.indices,
             deadlines: &mut self.deadlines,
@@ -269,6 +298,12 @@ impl Engine {
         self.population.find(avatar).map(|avatar| avatar.pose)
     }
 
+    /// When the last accepted pose of an avatar came in, on the clock of the station that the avatar
+    /// belongs to.
+    pub fn heard(&self, avatar: AvatarId) -> Option<Duration> {
+        self.population.find(avatar).map(|avatar| avatar.heard)
+    }
+
     /// The round trip of an avatar's client that the engine was told last.
     pub fn round_trip(&self, avatar: AvatarId) -> Option<Duration> {
         self.population.find(avatar).map(|avatar| avatar.round_trip)
@@ -292,13 +327,46 @@ impl Engine {
         avatar.is_some_and(|avatar| !avatar.consistency.is_consistent(now))
     }
 
-    /// All avatars that are present, by id.
+    /// All avatars of this station, by id.
     pub fn avatars(&self) -> impl Iterator<Item = AvatarId> + '_ {
-        self.population.all().map(|member| member.id)
+        self.population.own().map(|member| member.id)
     }
 
-    /// How many clients are in each reporting state.
+    /// The avatars of other stations that this one knows of, by id, and whether it follows their
+    /// courses.
+    pub fn guests(&self) -> impl Iterator<Item = (AvatarId, bool)> + '_ {
+        let is_live = |slot| self.population.at(slot).is_live();
+        self.population.guests().map(move |member| (member.id, is_live(member.slot)))
+    }
+
+    /// The other stations that take in what this one says, by name.
+    pub fn neighbours(&self) -> impl Iterator<Item = StationId> + '_ {
+        self.stations.ready().map(|(station, _)| station)
+    }
+
+    /// The stations that were cut off, because they lied or flooded.
+    pub fn cut_stations(&self) -> impl Iterator<Item = StationId> + '_ {
+        self.stations.cut()
+    }
+
+    /// How many sectors there are, and to how many of them this station subscribes.
+    pub fn sectors(&self) -> [usize; 2] {
+        [self.building.sectors.len(), self.stations.subscription.len()]
+    }
+
+    /// How many clients of this station are in each reporting state.
     pub fn counts(&self) -> Counts {
+        if self.stations.are_several() {
+            let mut counts = Counts::default();
+            for member in self.population.own() {
+                match self.population.at(member.slot).state {
+                    ReportingState::Live => counts.live += 1,
+                    ReportingState::Quiet => counts.quiet += 1,
+                    ReportingState::Asked => counts.asked += 1,
+                }
+            }
+            return counts;
+        }
         let live = self.population.live_len();
         let quiet = self.deadlines.expiries.len();
         assert!(live + quiet <= self.population.len(), "every client is in one state");

@@ -112,6 +112,7 @@
 //! - `acuity`: how far off its true place a viewer can hardly tell an avatar to be.
 //! - `orders`: what a client was told to leave unsaid, and what it is known to have heard.
 //! - `silence`: which avatars are hidden, and for how long.
+//! - `stations`: other engines that share the building, and what they are told.
 //! - `baselines`: policies that exist only for comparison.
 //!
 //! # How far ahead
@@ -126,6 +127,7 @@ mod acuity;
 mod baselines;
 mod bit_set;
 mod building;
+mod bus;
 mod claims;
 mod config;
 mod engine;
@@ -142,6 +144,8 @@ mod session_events;
 mod silence;
 mod slot;
 mod sphere;
+mod station_events;
+mod stations;
 mod stats;
 #[cfg(test)]
 mod tests;
@@ -149,8 +153,14 @@ mod timing;
 mod view;
 mod worker_pool;
 
+pub use bus::{
+    GuestReport, HeardOf, Heartbeat, Lags, StationId, StationMessage, StationOutput, StationWord,
+    Stay,
+};
 pub use claims::{Claim, ClaimLimits, ClaimVerdict, MovementBudget};
-pub use config::{Config, FaultInjection, Margin, Policy, PolicyError, TbvShape, Validity};
+pub use config::{
+    Config, FaultInjection, Margin, Policy, PolicyError, StationFault, TbvShape, Validity,
+};
 pub use engine::Engine;
 pub use interest::{Explanation, Reason};
 pub use messages::{Input, Output};

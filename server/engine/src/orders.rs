@@ -43,6 +43,33 @@ impl Orders {
         self.in_force = self.in_force.union(&tolerance);
     }
 
+    /// The orders to another station for one of its avatars, which it takes to be live without any.
+    pub(crate) fn to_station(told: Tolerance) -> Self {
+        Self { live_since: 0, told, ..Self::default() }
+    }
+
+    /// Takes in that another station is asked for an avatar. What may be left unsaid follows from
+    /// its reports.
+    pub(crate) fn send_ask(&mut self, tolerance: Tolerance) {
+        self.sent += 1;
+        self.told = tolerance;
+    }
+
+    /// Whether a report that shows these orders heard was made after the last one was.
+    pub(crate) fn are_heard(&self, orders: u32) -> bool {
+        orders >= self.sent
+    }
+
+    /// Takes in what another station says of an avatar, and that it leaves where it was to stay if
+    /// that is the last order.
+    pub(crate) fn relay(&mut self, orders: u32, in_force: Tolerance, told: Tolerance) {
+        self.heard = orders.min(self.sent);
+        self.in_force = in_force;
+        if self.is_quiet() && self.heard == self.sent {
+            (self.live_since, self.told) = (self.sent, told);
+        }
+    }
+
     /// Takes in how many orders the client had heard when it made a report.
     pub(crate) fn hear(&mut self, orders: u32) {
         self.heard = orders.min(self.sent);

@@ -17,6 +17,7 @@ use crate::{
     regions::{HiddenFootprint, LiveRegions, Motion},
     slot::{Member, Slot},
     sphere::Sphere,
+    stations::{Guest, Relay, RelayKey, RelayOrder},
     timing::{Arrivals, LastKnown, Link},
     view::View,
 };
@@ -97,6 +98,8 @@ pub(crate) struct Avatar {
     pub(crate) validity: Duration,
     /// When the TBV of a hidden avatar begins: when its last report was made.
     pub(crate) hidden_from: Duration,
+    /// Where a hidden avatar was when it was hidden.
+    pub(crate) hidden_at: Pose,
     /// Where the avatar can be until the next tick's word stands; empty while hidden.
     pub(crate) regions: LiveRegions,
     /// Where policies that divide the world count the avatar.
@@ -105,6 +108,12 @@ pub(crate) struct Avatar {
     pub(crate) pairs: Pairs,
     /// How many clients have been told of the avatar.
     pub(crate) watchers: u32,
+    /// Of an avatar that belongs to another station: which one, and what was heard from there.
+    pub(crate) guest: Option<Guest>,
+    /// What other stations have been told of an avatar of this one, by station.
+    pub(crate) relays: Vec<Relay>,
+    /// The version of the footprint at which it was last asked which stations to tell.
+    pub(crate) relayed_footprint: Option<Generation>,
 }
 
 /// What the silence of a client means: at a time after its last report its avatar was on course.
@@ -151,6 +160,40 @@ impl Avatar {
         }
     }
 
+    /// The present time of those who hear its client, and how long ago that is.
+    fn clock(&self, view: View<'_>) -> (Duration, Duration) {
+        self.guest.map_or((view.now, Duration::ZERO), |guest| (guest.until, guest.age))
+    }
+
+    pub(crate) fn is_guest(&self) -> bool {
+        self.guest.is_some()
+    }
+
+    /// What a report of the avatar to another station depends on.
+    pub(crate) fn relay_key(&self, now: Duration) -> RelayKey {
+        let is_understood = self.orders.is_understood();
+        RelayKey {
+            version: self.version,
+            tolerance: if is_understood { self.orders.in_force() } else { Tolerance::NONE },
+            is_believed: self.consistency.is_consistent(now),
+            is_absent: self.is_absent,
+            round_trip: self.round_trip,
+        }
+    }
+
+    /// The finest tolerance that other stations ask for.
+    pub(crate) fn asked_abroad(&self) -> Option<Tolerance> {
+        let asked = self.relays.iter().filter_map(|relay| match relay.order {
+            RelayOrder::Live(tolerance) => tolerance,
+            RelayOrder::Quiet(_) => None,
+        });
+        asked.reduce(|one, other| Tolerance {
+            metres: one.metres.min(other.metres),
+            radians: one.radians.min(other.radians),
+            ahead: one.ahead.max(other.ahead),
+        })
+    }
+
     /// What the silence of the client means at the present tick; `None` while it means nothing.
     pub(crate) fn known_course(&self, view: View<'_>) -> Option<KnownCourse> {
         self.course_until(&self.last_known(view), view)
@@ -165,32 +208,35 @@ impl Avatar {
 
     /// The last moment at which the avatar is known to have been on its course.
     fn last_known(&self, view: View<'_>) -> LastKnown {
-        let View { config, horizons, now, .. } = view;
+        let View { config, horizons, .. } = view;
+        let (now, late) = self.clock(view);
         let one_way = horizons.one_way(self.round_trip);
         let margin = self.arrivals.margin();
         // An absent avatar stands by the server's word.
         let silence = if self.is_absent { Duration::ZERO } else { now.saturating_sub(self.heard) };
         let Some(made) = self.made.filter(|_| self.orders.is_understood()) else {
-            return LastKnown { after: Duration::ZERO, age: silence + one_way + margin };
+            return LastKnown { after: Duration::ZERO, age: silence + one_way + margin + late };
         };
         let known = self.arrivals.last_known(now, made, config.tick);
         // A client's clock that runs ahead gains it no more than the margin.
         let after = known.after.min(self.course_for).min(silence + margin);
-        LastKnown { after, age: known.age + (known.after - after) }
+        LastKnown { after, age: known.age + (known.after - after) + late }
     }
 
     /// The pose that viewers are told at the present tick: where the avatar was when its client
     /// made what arrives now, if it is on course.
     pub(crate) fn shown(&self, view: View<'_>) -> Pose {
         let agility = &view.building.agility;
-        let after = self.made.map_or(Duration::ZERO, |made| self.arrivals.after(view.now, made));
+        let now = self.clock(view).0;
+        let after = self.made.map_or(Duration::ZERO, |made| self.arrivals.after(now, made));
         let pose = self.pose.on_course(after.min(self.course_for), agility);
         Pose { velocity: agility.sustained(pose.velocity), ..pose }
     }
 
     /// For how long the [shown](Avatar::shown) pose goes on as it does. Afterwards it stands.
     pub(crate) fn shown_for(&self, view: View<'_>) -> Duration {
-        let after = self.made.map(|made| self.arrivals.after(view.now, made));
+        let now = self.clock(view).0;
+        let after = self.made.map(|made| self.arrivals.after(now, made));
         after.map_or(Duration::ZERO, |after| self.course_for.saturating_sub(after))
     }
 
@@ -311,10 +357,26 @@ impl Population {
         self.live.values().copied()
     }
 
-    /// The round trips of all clients whose avatars are hidden.
+    /// The avatars of this station, by id.
+    pub(crate) fn own(&self) -> impl Iterator<Item = Member> + '_ {
+        self.all().filter(|member| !self.at(member.slot).is_guest())
+    }
+
+    /// The avatars of other stations, by id.
+    pub(crate) fn guests(&self) -> impl Iterator<Item = Member> + '_ {
+        self.all().filter(|member| self.at(member.slot).is_guest())
+    }
+
+    /// The round trips of all clients of this station whose avatars are hidden.
     pub(crate) fn hidden_round_trips(&self) -> impl Iterator<Item = Duration> + '_ {
         let present = self.by_id.values().map(|slot| self.at(*slot));
-        present.filter(|avatar| !avatar.is_live()).map(|avatar| avatar.round_trip)
+        present.filter(|avatar| !avatar.is_live() && !avatar.is_guest()).map(|a| a.round_trip)
+    }
+
+    /// Whether at least one of two avatars belongs to this station. It has nothing to do with two
+    /// others.
+    pub(crate) fn is_one_own(&self, one: Slot, other: Slot) -> bool {
+        !self.at(one).is_guest() || !self.at(other).is_guest()
     }
 
     /// Whether all avatars are live.

@@ -81,16 +81,31 @@ impl Engine {
         if self.population.slot(id).is_some() {
             return;
         }
-        if self.population.len() >= self.config.avatars_max {
+        let guests = self.stations.guests();
+        if self.population.len() >= self.config.avatars_max + guests {
             self.pending.push(Output::Drop { to: id, reason: "the building is full".to_owned() });
             return;
         }
         let pose = self.first_pose(eye);
+        self.horizons.add(self.config.round_trip_initial);
+        let avatar = self.newcomer(now, id, profile, pose);
+        self.population.insert(avatar);
+        self.deadlines.wait(now, id, self.config.stall);
+        self.pending.push(Output::Entered { to: id, pose, tick: self.ticks() + 1 });
+    }
+
+    /// An avatar at a pose, of which nothing else is known.
+    pub(crate) fn newcomer(
+        &self,
+        now: Duration,
+        id: AvatarId,
+        profile: Profile,
+        pose: Pose,
+    ) -> Avatar {
         let round_trip = self.config.round_trip_initial;
-        self.horizons.add(round_trip);
         let building = &self.building;
         let name = profile.name.chars().take(self.config.name_chars_max).collect();
-        self.population.insert(Avatar {
+        Avatar {
             id,
             profile: Profile { name, ..profile },
             pose,
@@ -124,13 +139,15 @@ impl Engine {
             prevented: None,
             validity: self.config.validity.max(VALIDITY_FIRST),
             hidden_from: now,
+            hidden_at: pose,
             regions: LiveRegions::default(),
             area: building.partition.area_of(&building.world, Area::None, pose.eye),
             pairs: Pairs::default(),
             watchers: 0,
-        });
-        self.deadlines.wait(now, id, self.config.stall);
-        self.pending.push(Output::Entered { to: id, pose, tick: self.ticks() + 1 });
+            guest: None,
+            relays: Vec::new(),
+            relayed_footprint: None,
+        }
     }
 
     /// The pose at the place that was asked for, if an eye may be there, or else at the next spawn
@@ -154,12 +171,15 @@ impl Engine {
     /// Removes an avatar. Clients that held it are told at the next tick.
     pub(crate) fn remove(&mut self, id: AvatarId) {
         let Some(slot) = self.population.slot(id) else { return };
+        self.tell_leave(slot);
         let silencing = self.silencing();
         let coarse = &mut silencing.indices.coarse;
         end_pairs(silencing.view, silencing.population, coarse, slot, silencing.pending);
         self.deadlines.cancel(id);
         let Some((slot, gone)) = self.population.remove(id) else { return };
-        self.horizons.remove(gone.round_trip);
+        if !gone.is_guest() {
+            self.horizons.remove(gone.round_trip);
+        }
         let index = if gone.is_live() { &mut self.indices.live } else { &mut self.indices.hidden };
         index.remove(Member { id, slot }, &gone.footprint.sectors);
         for pair in gone.pairs.iter().filter(|pair| pair.is_held) {
@@ -247,6 +267,7 @@ impl Engine {
                 self.deadlines.wait(now, id, patience);
             }
         }
+        self.relay(slot);
     }
 
     /// Puts an avatar elsewhere, or pushes it, by the host's word.
@@ -281,6 +302,7 @@ impl Engine {
         let shown = self.population.at(slot).shown(self.view());
         self.put(now, slot, standing(shown));
         self.population.at_mut(slot).is_absent = true;
+        self.relay(slot);
         self.deadlines.cancel(id);
     }
 
@@ -352,6 +374,7 @@ impl Engine {
                 self.pending.push(Output::Chat { to: id, from, text: text.clone() });
             }
         }
+        self.relay_chat(slot, text);
     }
 
     /// Drops a client for good.

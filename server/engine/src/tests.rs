@@ -5,6 +5,7 @@ mod anything;
 mod reference_model;
 mod rooms;
 pub(super) mod stage;
+mod stations;
 mod story;
 mod turns;
 mod walls;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::{building::Building, config::Config, timing::Horizons};
+use crate::{building::Building, config::Config, stations::Stations, timing::Horizons};
 
 /// The building, the configuration and the time, for one call of the engine.
 #[derive(Clone, Copy, Debug)]
@@ -10,6 +10,7 @@ pub(crate) struct View<'a> {
     pub(crate) building: &'a Building,
     pub(crate) config: &'a Config,
     pub(crate) horizons: &'a Horizons,
+    pub(crate) stations: &'a Stations,
     pub(crate) now: Duration,
     /// The number of the last tick.
     pub(crate) tick: u32,

@@ -59,6 +59,7 @@ mod packets;
 mod report;
 mod run;
 mod simulated_clients;
+mod stations;
 mod statistics;
 mod tick_view;
 
@@ -69,8 +70,11 @@ use sightline_world::World;
 
 pub use comparison::Comparison;
 pub use network::NetworkConditions;
-pub use options::{ClientFaults, OracleStride, ReplayOptions};
+pub use options::{
+    Assignment, BusFaults, ClientFaults, OracleStride, ReplayOptions, StationOptions, Trouble,
+};
 pub use report::{ClientReport, MissedAvatar, OracleReport, ReplayReport, StalePosition};
+pub use stations::StationReport;
 pub use tick_view::TickView;
 
 use dump::Dump;

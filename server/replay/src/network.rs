@@ -274,6 +274,11 @@ impl SimulatedNetwork {
         self.overdue_until.get(&client).is_some_and(|until| now <= *until)
     }
 
+    /// When the next packet arrives.
+    pub(super) fn next_arrival(&self) -> Option<Duration> {
+        self.packets.first_key_value().map(|((at, _), _)| *at)
+    }
+
     /// Takes the next packet that has arrived, with its time of arrival.
     pub(super) fn receive(&mut self, now: Duration) -> Option<(Duration, Packet)> {
         let entry = self.packets.first_entry()?;

@@ -5,6 +5,8 @@ use std::fmt;
 use serde::Serialize;
 use sightline_cli::pose_error::DistanceBand;
 
+use super::stations::StationReport;
+
 /// The figures of a run. Rates are means over all clients while they are present.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct ReplayReport {
@@ -60,6 +62,8 @@ pub struct ReplayReport {
     pub bytes_from_client_worst: f64,
     /// Reports from a client, a second.
     pub reports_from_client: f64,
+    /// What stations cost, if there are several.
+    pub stations: Option<StationReport>,
     /// All reports that reached the server.
     pub reports: u64,
     /// All asks: after an expiry, after a reveal, and again where no answer came.
@@ -141,6 +145,8 @@ pub struct OracleReport {
     pub stride_ms: f64,
     /// Pairs whose avatar was visible: some sampled point of its body was in sight.
     pub pairs_visible: u64,
+    /// Those of them whose two clients are at different stations.
+    pub pairs_abroad: u64,
     /// Pairs whose avatar the viewer's client held.
     pub pairs_held: u64,
     /// Held pairs whose avatar was visible, or could be within the horizon, as far as sampling

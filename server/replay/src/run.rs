@@ -4,7 +4,6 @@ mod downlink;
 
 use std::{collections::BTreeMap, io, sync::Arc, time::Duration};
 
-use cpu_time::ProcessTime;
 use sightline_cli::trace::Trace;
 use sightline_engine::{Engine, Input, Output};
 use sightline_protocol::{
@@ -27,13 +26,14 @@ use super::{
     packets::{Packet, Payload, Request, Uplink, unframe},
     report::ReplayReport,
     simulated_clients::SimulatedClients,
+    stations::Stations,
     statistics::RunStatistics,
     tick_view::{LastReport, TickView},
 };
 
 /// A run in progress.
 pub(super) struct Run<'a> {
-    engine: Engine,
+    stations: Stations,
     clients: SimulatedClients<'a>,
     network: SimulatedNetwork,
     /// The conversion of the engine's output, for each client that the server knows.
@@ -42,14 +42,14 @@ pub(super) struct Run<'a> {
     hellos: BTreeMap<AvatarId, (Name, [u8; 3])>,
     /// The times of the pose that the engine has of each avatar.
     last_reports: BTreeMap<AvatarId, LastReport>,
+    /// The times of all those poses, by when they arrived. Another station learns of them later.
+    reports: BTreeMap<(AvatarId, Duration), LastReport>,
     /// By how much each client's quickest report took longer than half of the round trip that the
     /// engine knew at its time.
     least_lateness: BTreeMap<AvatarId, Duration>,
     audit: Option<Audit>,
     dump: Dump<'a>,
     statistics: RunStatistics,
-    /// CPU time of all threads in the engine since the last tick.
-    cpu: Duration,
 }
 
 impl<'a> Run<'a> {
@@ -60,21 +60,21 @@ impl<'a> Run<'a> {
         options: &ReplayOptions,
         dump: Dump<'a>,
     ) -> Self {
-        let engine = Engine::new(Arc::clone(world), options.config.clone());
+        let stations = Stations::new(world, trace, options);
         let (round_trip, tick) = (options.round_trip, options.config.tick);
         Self {
-            clients: SimulatedClients::new(trace, &engine, options.faults),
+            clients: SimulatedClients::new(trace, stations.first(), options.faults),
             audit: Audit::new(world, trace, options),
-            engine,
+            stations,
             network: SimulatedNetwork::new(options.network, round_trip, tick)
                 .with_departures_lost(options.faults.departures_lost),
             outbound: BTreeMap::new(),
             hellos: BTreeMap::new(),
             last_reports: BTreeMap::new(),
+            reports: BTreeMap::new(),
             least_lateness: BTreeMap::new(),
             dump,
             statistics: RunStatistics::default(),
-            cpu: Duration::ZERO,
         }
     }
 
@@ -85,16 +85,16 @@ impl<'a> Run<'a> {
         if self.network.advance(now) {
             self.tell_round_trips(now);
         }
+        self.stations.look_for_trouble(now);
+        let stations = &self.stations;
+        self.clients.disconnect(now, |avatar| stations.is_connected(avatar));
         for uplink in self.clients.step(now, &self.network) {
             self.send_up(now, uplink);
         }
         // With a round trip of zero, what the clients have just sent is already there.
         self.deliver(now)?;
-        let mut outputs = Vec::new();
-        let start = ProcessTime::now();
-        self.engine.tick(now, &mut outputs);
-        self.cpu += start.elapsed();
-        self.statistics.tick(std::mem::take(&mut self.cpu), &self.engine);
+        let outputs = self.stations.tick(now);
+        self.statistics.tick(self.stations.take_cpu(), self.stations.engines());
         Ok(outputs)
     }
 
@@ -104,7 +104,7 @@ impl<'a> Run<'a> {
         self.send_down(now, outputs)?;
         self.deliver(now)?;
         if let Some(audit) = &mut self.audit {
-            audit.look(now, &self.clients, &self.network, &self.engine);
+            audit.look(now, &self.clients, &self.network, &self.stations);
         }
         Ok(())
     }
@@ -117,8 +117,20 @@ impl<'a> Run<'a> {
         done: f32,
         outputs: &'b [Output],
     ) -> TickView<'b> {
-        let Self { engine, clients, network, last_reports, least_lateness, .. } = self;
-        TickView { now, done, outputs, engine, clients, network, last_reports, least_lateness }
+        let Self { stations, clients, network, last_reports, reports, .. } = self;
+        let engine = stations.first();
+        TickView {
+            now,
+            done,
+            outputs,
+            engine,
+            stations,
+            clients,
+            network,
+            last_reports,
+            reports,
+            least_lateness: &self.least_lateness,
+        }
     }
 
     /// The figures of the whole run, once the last event is written. `length` is how much of the
@@ -132,16 +144,17 @@ impl<'a> Run<'a> {
         self.dump.finish()?;
         let clients = self.statistics.clients(options, &self.clients);
         Ok(ReplayReport {
-            world: self.engine.world().title.clone(),
+            world: self.engine().world().title.clone(),
             avatars: trace.ids().count(),
             jumps: self.clients.jumps(),
             outside: self.clients.outside(),
             left_tbv: self.clients.left_tbv(),
-            speed_max: self.engine.speed_max(),
+            speed_max: self.engine().speed_max(),
             seconds: length.as_secs_f64(),
             clients,
             oracle: self.audit.map(|audit| audit.report(&self.clients)),
-            ..self.statistics.report(options, self.engine.stats(), &self.clients)
+            stations: (options.stations.count > 0).then(|| self.stations.report()),
+            ..self.statistics.report(options, self.stations.stats(), &self.clients)
         })
     }
 
@@ -149,13 +162,21 @@ impl<'a> Run<'a> {
         let clients: Vec<AvatarId> = self.outbound.keys().copied().collect();
         for avatar in clients {
             let round_trip = self.network.known_round_trip(avatar);
-            self.handle(now, Input::RoundTrip { avatar, round_trip });
+            self.handle(now, avatar, Input::RoundTrip { avatar, round_trip });
         }
     }
 
     /// Delivers every packet that has arrived.
     fn deliver(&mut self, now: Duration) -> io::Result<()> {
-        while let Some((at, packet)) = self.network.receive(now) {
+        loop {
+            let bus = self.stations.next_arrival().filter(|at| *at <= now);
+            if let Some(at) = bus
+                && self.network.next_arrival().is_none_or(|other| at <= other)
+            {
+                self.stations.deliver_next();
+                continue;
+            }
+            let Some((at, packet)) = self.network.receive(now) else { break };
             debug_assert!(at <= now, "the packet is still on its way");
             match packet {
                 Packet::Up(uplink) => self.receive(at, uplink)?,
@@ -179,7 +200,8 @@ impl<'a> Run<'a> {
     /// How much longer than half of its round trip a client's messages may take, as the engine
     /// allows.
     fn margin(&self, avatar: AvatarId) -> Duration {
-        self.engine.margin(avatar).unwrap_or_else(|| self.engine.config().margin.first())
+        let engine = self.stations.engine_of(avatar);
+        engine.margin(avatar).unwrap_or_else(|| engine.config().margin.first())
     }
 
     /// Takes in a message that has reached the server.
@@ -246,17 +268,18 @@ impl<'a> Run<'a> {
         avatar: AvatarId,
         report: &WireReport,
     ) -> io::Result<()> {
-        if self.engine.pose(avatar).is_none() {
+        if self.stations.engine_of(avatar).pose(avatar).is_none() {
             return Ok(());
         }
-        let accepted = self.engine.stats().reports;
+        let accepted = self.stations.reports(avatar);
         self.note_report(times.heard, avatar)?;
-        let report = report.report(self.engine.config().tick);
-        self.handle(times.heard, Input::Report { avatar, report });
-        if self.engine.stats().reports != accepted {
-            self.last_reports.insert(avatar, times);
+        let report = report.report(self.engine().config().tick);
+        self.handle(times.heard, avatar, Input::Report { avatar, report });
+        if self.stations.reports(avatar) != accepted {
+            self.note_times(avatar, times);
             let LastReport { heard, sampled } = times;
-            let one_way = self.engine.round_trip(avatar).unwrap_or_default() / 2;
+            let one_way =
+                self.stations.engine_of(avatar).round_trip(avatar).unwrap_or_default() / 2;
             let lateness = heard.saturating_sub(sampled + one_way);
             let least = self.least_lateness.entry(avatar).or_insert(lateness);
             *least = lateness.min(*least);
@@ -265,10 +288,10 @@ impl<'a> Run<'a> {
     }
 
     fn receive_jump(&mut self, times: LastReport, avatar: AvatarId, pose: Pose) -> io::Result<()> {
-        if self.engine.pose(avatar).is_some() {
+        if self.stations.engine_of(avatar).pose(avatar).is_some() {
             self.note_report(times.heard, avatar)?;
-            self.handle(times.heard, Input::Relocate { avatar, pose });
-            self.last_reports.insert(avatar, times);
+            self.handle(times.heard, avatar, Input::Relocate { avatar, pose });
+            self.note_times(avatar, times);
         }
         Ok(())
     }
@@ -276,31 +299,42 @@ impl<'a> Run<'a> {
     fn join(&mut self, times: LastReport, avatar: AvatarId, place: Option<glam::Vec3>) {
         let at = times.heard;
         let Some((name, colour)) = self.hellos.remove(&avatar) else { return };
-        self.outbound.insert(avatar, Outbound::new(avatar, self.engine.config().tick));
-        self.handle(at, Input::Join { avatar, name: name.into(), colour, place });
+        self.outbound.insert(avatar, Outbound::new(avatar, self.engine().config().tick));
+        self.stations.assign(avatar, place);
+        self.handle(at, avatar, Input::Join { avatar, name: name.into(), colour, place });
         let round_trip = self.network.known_round_trip(avatar);
-        self.handle(at, Input::RoundTrip { avatar, round_trip });
+        self.handle(at, avatar, Input::RoundTrip { avatar, round_trip });
+        self.note_times(avatar, times);
+    }
+
+    fn note_times(&mut self, avatar: AvatarId, times: LastReport) {
         self.last_reports.insert(avatar, times);
+        if self.stations.are_several() {
+            self.reports.insert((avatar, times.heard), times);
+        }
     }
 
     /// Removes an avatar. Its client no longer holds any other, though the server tells it nothing.
     fn leave(&mut self, at: Duration, avatar: AvatarId) -> io::Result<()> {
-        let held: Vec<AvatarId> = self.engine.held_by(avatar).collect();
+        let held: Vec<AvatarId> = self.stations.engine_of(avatar).held_by(avatar).collect();
         for other in held {
             self.note_pair(at, avatar, other, EventKind::Leave)?;
         }
         self.outbound.remove(&avatar);
         self.last_reports.remove(&avatar);
         self.least_lateness.remove(&avatar);
-        self.handle(at, Input::Leave { avatar });
+        self.handle(at, avatar, Input::Leave { avatar });
         Ok(())
     }
 
-    /// Passes an input to the engine, and counts the CPU time that it takes.
-    fn handle(&mut self, at: Duration, input: Input) {
-        let start = ProcessTime::now();
-        self.engine.handle(at, input);
-        self.cpu += start.elapsed();
+    /// An engine, for what all have in common.
+    fn engine(&self) -> &Engine {
+        self.stations.first()
+    }
+
+    /// Passes an input to the engine of an avatar, and counts the CPU time that it takes.
+    fn handle(&mut self, at: Duration, avatar: AvatarId, input: Input) {
+        self.stations.handle(at, avatar, input);
     }
 
     fn note_report(&mut self, at: Duration, avatar: AvatarId) -> io::Result<()> {
@@ -316,6 +350,10 @@ impl<'a> Run<'a> {
         kind: EventKind,
     ) -> io::Result<()> {
         let (viewer, avatar) = (self.clients.trace_id(viewer), self.clients.trace_id(avatar));
+        if viewer == avatar {
+            // Who comes back from a station that has stopped meets what others still know of it.
+            return Ok(());
+        }
         self.dump.write(at, Some(viewer), avatar, kind)
     }
 }

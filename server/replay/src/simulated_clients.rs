@@ -28,6 +28,9 @@ use super::{
     packets::{COLOUR, Payload, ReportKind, Request, Uplink, unframe},
 };
 
+/// How long a client takes to come back to another station.
+const BACK_AFTER: Duration = Duration::from_secs(1);
+
 /// The client of one avatar, from its join to its leave.
 #[derive(Clone, Debug)]
 pub(super) struct SimulatedClient {
@@ -181,6 +184,8 @@ pub(super) struct SimulatedClients<'a> {
     jumps: u64,
     left_tbv: u64,
     outside: u64,
+    /// When the clients whose station has stopped come back.
+    back_at: BTreeMap<u32, Duration>,
     faults: ClientFaults,
 }
 
@@ -200,6 +205,17 @@ impl<'a> SimulatedClients<'a> {
             jumps: 0,
             left_tbv: 0,
             outside: 0,
+            back_at: BTreeMap::new(),
+        }
+    }
+
+    /// Ends the clients whose connection is broken. They come back a while later as newcomers.
+    pub(super) fn disconnect(&mut self, now: Duration, is_connected: impl Fn(AvatarId) -> bool) {
+        let broken = self.present.iter().filter(|(_, client)| !is_connected(client.avatar));
+        let broken: Vec<u32> = broken.map(|(id, _)| *id).collect();
+        for id in broken {
+            self.remove(id);
+            self.back_at.insert(id, now + BACK_AFTER);
         }
     }
 
@@ -263,6 +279,7 @@ impl<'a> SimulatedClients<'a> {
         for id in self.trace.ids() {
             let pose = self.look_up(id, now);
             match (pose, self.present.contains_key(&id)) {
+                (Some(_), false) if self.back_at.get(&id).is_some_and(|at| now < *at) => {}
                 (Some(pose), false) => sent.extend(self.join(id, now, &pose)),
                 (Some(pose), true) => sent.extend(self.tick(id, now, &pose, network)),
                 (None, true) => sent.extend(self.leave(id, now)),

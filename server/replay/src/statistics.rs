@@ -80,12 +80,14 @@ impl RunStatistics {
         self.left_at.insert((viewer, avatar), now);
     }
 
-    /// Counts a tick: the engine's CPU time for it, and what each client holds after it.
-    pub(super) fn tick(&mut self, cpu: Duration, engine: &Engine) {
-        for id in engine.avatars() {
-            let client = self.client(id);
-            client.ticks += 1;
-            client.held += engine.held_by(id).count() as u64;
+    /// Counts a tick: the engines' CPU time for it, and what each client holds after it.
+    pub(super) fn tick<'a>(&mut self, cpu: Duration, engines: impl Iterator<Item = &'a Engine>) {
+        for engine in engines {
+            for id in engine.avatars() {
+                let client = self.client(id);
+                client.ticks += 1;
+                client.held += engine.held_by(id).count() as u64;
+            }
         }
         self.cpu.push(cpu);
     }

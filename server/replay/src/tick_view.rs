@@ -6,7 +6,7 @@ use glam::Vec3;
 use sightline_engine::{Engine, Output};
 use sightline_world::motion::{AvatarId, Pose};
 
-use super::{network::SimulatedNetwork, simulated_clients::SimulatedClients};
+use super::{network::SimulatedNetwork, simulated_clients::SimulatedClients, stations::Stations};
 
 /// A tick: what the engine decided, by what it decided, and what is true. Nothing that it says at
 /// this tick has arrived yet.
@@ -18,11 +18,13 @@ pub struct TickView<'a> {
     pub done: f32,
     /// The engine's outputs at this tick.
     pub outputs: &'a [Output],
-    /// The engine after the tick.
+    /// The engine after the tick: one of them, where there are several stations.
     pub engine: &'a Engine,
+    pub(super) stations: &'a Stations,
     pub(super) clients: &'a SimulatedClients<'a>,
     pub(super) network: &'a SimulatedNetwork,
     pub(super) last_reports: &'a BTreeMap<AvatarId, LastReport>,
+    pub(super) reports: &'a BTreeMap<(AvatarId, Duration), LastReport>,
     pub(super) least_lateness: &'a BTreeMap<AvatarId, Duration>,
 }
 
@@ -36,6 +38,36 @@ pub(super) struct LastReport {
 }
 
 impl<'a> TickView<'a> {
+    /// The engine that an avatar's client is connected to.
+    pub fn engine_of(&self, avatar: AvatarId) -> &'a Engine {
+        self.stations.engine_of(avatar)
+    }
+
+    /// All engines that run.
+    pub fn engines(&self) -> impl Iterator<Item = &'a Engine> {
+        self.stations.engines()
+    }
+
+    /// All avatars, by the station that each belongs to.
+    pub fn avatars(&self) -> impl Iterator<Item = AvatarId> + 'a {
+        self.stations.engines().flat_map(|engine| engine.avatars())
+    }
+
+    /// Whether two avatars belong to the same station.
+    pub fn are_together(&self, one: AvatarId, other: AvatarId) -> bool {
+        self.stations.are_together(one, other)
+    }
+
+    /// Whether the stations of two avatars hear each other.
+    pub fn are_linked(&self, one: AvatarId, other: AvatarId) -> bool {
+        self.linked_since(one, other).is_some()
+    }
+
+    /// Since when the stations of two avatars have heard each other.
+    pub fn linked_since(&self, one: AvatarId, other: AvatarId) -> Option<Duration> {
+        self.stations.linked_since(one, other)
+    }
+
     /// The trace's id of an avatar.
     ///
     /// # Panics
@@ -56,7 +88,7 @@ impl<'a> TickView<'a> {
 
     /// A client's round trip as the engine knows it, without jitter and loss.
     pub fn round_trip(&self, avatar: AvatarId) -> Duration {
-        let known = self.engine.round_trip(avatar);
+        let known = self.engine_of(avatar).round_trip(avatar);
         known.unwrap_or_else(|| self.network.known_round_trip(avatar))
     }
 
@@ -73,6 +105,25 @@ impl<'a> TickView<'a> {
     /// When the pose of that report was true.
     pub fn last_sampled(&self, avatar: AvatarId) -> Option<Duration> {
         self.last_reports.get(&avatar).map(|last| last.sampled)
+    }
+
+    /// When the engine of a viewer's client takes the last report of an avatar to have arrived at the
+    /// avatar's own.
+    pub fn last_report_by(&self, viewer: AvatarId, avatar: AvatarId) -> Option<Duration> {
+        Some(self.report_by(viewer, avatar)?.heard)
+    }
+
+    /// When the pose of that report was true.
+    pub fn last_sampled_by(&self, viewer: AvatarId, avatar: AvatarId) -> Option<Duration> {
+        Some(self.report_by(viewer, avatar)?.sampled)
+    }
+
+    fn report_by(&self, viewer: AvatarId, avatar: AvatarId) -> Option<&LastReport> {
+        if self.stations.are_together(viewer, avatar) {
+            return self.last_reports.get(&avatar);
+        }
+        let heard = self.engine_of(viewer).heard(avatar)?;
+        self.reports.get(&(avatar, heard))
     }
 
     /// By how much all reports of a client took longer than half of the round trip that the engine

@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, fmt, sync::Arc, time::Duration};
 
 use glam::Vec3;
-use sightline_engine::Output;
+use sightline_engine::{Engine, Output};
 use sightline_oracle::Oracle;
 use sightline_replay::{ReplayOptions, TickView};
 use sightline_world::{
@@ -27,6 +27,9 @@ const ROUNDING_M: f32 = 0.02;
 const COURSE_ROUNDING_M: f32 = 0.005;
 /// The number of ticks of a client from which the engine may count where it is.
 const COURSE_TICKS: u32 = 12;
+/// A station knows of another one's avatars, and of newcomers, after this time and some messages on the
+/// bus.
+const KNOWN_AFTER: Duration = Duration::from_millis(1_500);
 /// The number of directions in which straight walks are tried.
 const DIRECTIONS: u16 = 16;
 /// The speed that a person reaches at once, in metres per second.
@@ -57,6 +60,10 @@ pub enum Violation {
     Stale,
     /// The silence of a client was taken to mean that its avatar was on course, and it was not.
     OffCourse,
+    /// A station does not know of an avatar of another one that may be in sight of one of its own.
+    Unknown,
+    /// An avatar is silent, and another station follows its course.
+    Unasked,
 }
 
 impl fmt::Display for Violation {
@@ -71,6 +78,8 @@ impl fmt::Display for Violation {
             Self::Refused => "an honest claim refused",
             Self::Stale => "hidden by what does not hold any more",
             Self::OffCourse => "off the course that its silence stands for",
+            Self::Unknown => "does not know of an avatar of another station that may be in sight",
+            Self::Unasked => "silent while another station follows it",
         })
     }
 }
@@ -99,6 +108,8 @@ pub struct InvariantChecker {
     spare_m: f32,
     /// The delay beyond half the round trip that is allowed for new clients.
     margin: Duration,
+    /// How much older what one station knows of another's avatars may be.
+    bus: Duration,
     horizon_max: Duration,
     /// For each avatar hidden at the last tick: its TBV, whether it was quiet, and when it must be
     /// asked at the latest.
@@ -136,6 +147,7 @@ impl InvariantChecker {
             tick: config.tick,
             spare_m: 2.0 * config.spare_m,
             margin: config.margin.first(),
+            bus: options.stations.delay + 3 * options.stations.jitter,
             horizon_max: config.horizon_max,
             hidden: BTreeMap::new(),
             tolerances: BTreeMap::new(),
@@ -152,8 +164,9 @@ impl InvariantChecker {
         self.check_leaks(moment);
         self.check_stale(moment);
         self.check_tbvs(moment);
-        let tolerance = |id| Some((id, moment.engine.tolerance(id)?));
-        self.tolerances = moment.engine.avatars().filter_map(tolerance).collect();
+        self.check_guests(moment);
+        let tolerance = |id| Some((id, moment.engine_of(id).tolerance(id)?));
+        self.tolerances = moment.avatars().filter_map(tolerance).collect();
         self.ordered.extend(moment.outputs.iter().filter_map(|output| match output {
             Output::Live { to, tolerance } => Some((*to, *tolerance)),
             _ => None,
@@ -175,8 +188,8 @@ impl InvariantChecker {
     /// An avatar that stays quiet in the same TBV receives no messages, and none are sent about it.
     /// Corrections are excluded: they answer the avatar's own report, and are checked elsewhere.
     fn check_silence(&mut self, moment: &TickView<'_>) {
-        let is_quiet = |id| moment.engine.state(id) == Some(ReportingState::Quiet);
-        let lasting = |id: &AvatarId| match (self.hidden.get(id), moment.engine.tbv(*id)) {
+        let is_quiet = |id| moment.engine_of(id).state(id) == Some(ReportingState::Quiet);
+        let lasting = |id: &AvatarId| match (self.hidden.get(id), moment.engine_of(*id).tbv(*id)) {
             (Some((before, true, _)), Some(tbv)) => *before == tbv && is_quiet(*id),
             _ => false,
         };
@@ -185,6 +198,8 @@ impl InvariantChecker {
             |output: &&Output| matches!(output, Output::Correct { .. } | Output::Drop { .. });
         for output in moment.outputs.iter().filter(|output| !is_answer(output)) {
             let (to, of) = addressed(output);
+            // A station that does not hear another one forgets that one's avatars sometime.
+            let of = of.into_iter().filter(|id| moment.are_linked(to, *id));
             noisy.extend([to].into_iter().chain(of).filter(lasting));
         }
         for id in noisy {
@@ -209,7 +224,9 @@ impl InvariantChecker {
 
     /// What keeps a viewer from being told of an avatar holds at this tick.
     fn check_stale(&mut self, moment: &TickView<'_>) {
-        if let Some([viewer, avatar]) = moment.engine.stale_pair() {
+        let stale: Vec<[AvatarId; 2]> =
+            moment.engines().filter_map(|engine| engine.stale_pair()).collect();
+        for [viewer, avatar] in stale {
             let more = format!(" from walker {}", moment.trace_id(viewer));
             self.note(moment, &Violation::Stale, avatar, &more);
         }
@@ -217,10 +234,10 @@ impl InvariantChecker {
 
     /// Where the engine takes silence to mean that an avatar was on course, it truly was.
     fn check_courses(&mut self, moment: &TickView<'_>) {
-        for id in moment.engine.avatars() {
+        for id in moment.avatars() {
             let is_late = moment.is_late(id) || moment.is_overdue(id);
             let is_excused = is_late || self.is_on_the_way(moment, id);
-            if !is_excused && self.is_on_course(moment, id) == Some(false) {
+            if !is_excused && self.is_on_course(moment, id, id) == Some(false) {
                 self.note(moment, &Violation::OffCourse, id, "");
             }
         }
@@ -228,25 +245,84 @@ impl InvariantChecker {
 
     /// Whether an avatar was on course at its client's last tick that the engine counts. `None`
     /// when the engine counts none since the last report.
-    fn is_on_course(&self, moment: &TickView<'_>, id: AvatarId) -> Option<bool> {
-        let known = moment.engine.known_course(id)?;
+    fn is_on_course(&self, moment: &TickView<'_>, viewer: AvatarId, id: AvatarId) -> Option<bool> {
+        let engine = moment.engine_of(viewer);
+        let known = engine.known_course(id)?;
         let metres = known.tolerance.metres + COURSE_ROUNDING_M;
         let tolerance = Tolerance { metres, ..known.tolerance };
         // Clients act at the server's ticks. The time that a report carries may be later than its
         // own by a part of a tick. Client and engine both count the course from that, not from when
         // the pose was true.
-        let made = moment.last_sampled(id)?;
+        let made = moment.last_sampled_by(viewer, id)?;
         let until = made + known.after + self.tick / 32;
         let at = self.tick * u32::try_from(until.as_nanos() / self.tick.as_nanos()).ok()?;
         let agility = moment.engine.agility();
         let elapsed = known.after.min(at.checked_sub(made)?);
-        let course = moment.engine.pose(id)?.on_course(elapsed, &agility);
+        let course = engine.pose(id)?.on_course(elapsed, &agility);
         let truth = moment.pose_at(id, at)?;
         let before = moment.pose_at(id, at.saturating_sub(self.tick))?;
         // A client takes the mean over its last tick for its velocity, if that is likely.
         let mean = (truth.eye - before.eye) / self.tick.as_secs_f32();
         let holds = |velocity| tolerance.holds(&course, &Pose { velocity, ..truth }, &agility);
         Some(holds(mean) || holds(truth.velocity))
+    }
+
+    /// What a viewer's station knows of the avatars of others: those that may be in sight by the cells
+    /// that both are in, where they are on course or in which boxes, and who is silent.
+    fn check_guests(&mut self, moment: &TickView<'_>) {
+        let cells = &self.world.cells;
+        let all: Vec<(AvatarId, Option<CellId>)> = moment
+            .eyes()
+            .filter(|(id, _)| moment.engine_of(*id).pose(*id).is_some())
+            .map(|(id, eye)| (id, cells.at(eye)))
+            .collect();
+        let mut found = Vec::new();
+        for (viewer, from) in &all {
+            for (id, to) in &all {
+                if moment.are_together(*viewer, *id) || !self.is_known_well(moment, *viewer, *id) {
+                    continue;
+                }
+                let engine = moment.engine_of(*viewer);
+                let sees = from.zip(*to).is_some_and(|(from, to)| self.world.cells.sees(from, to));
+                if sees && engine.pose(*id).is_none() {
+                    found.push((Violation::Unknown, *viewer, *id));
+                }
+                if self.is_on_course(moment, *viewer, *id) == Some(false) {
+                    found.push((Violation::OffCourse, *viewer, *id));
+                }
+                let home = moment.engine_of(*id);
+                let state = |engine: &Engine| engine.state(*id);
+                if state(home) == Some(ReportingState::Quiet)
+                    && state(engine) == Some(ReportingState::Live)
+                {
+                    found.push((Violation::Unasked, *viewer, *id));
+                }
+                let is_outside = |tbv: &Tbv| {
+                    let eye = moment.pose_at(*id, moment.now).map(|pose| pose.eye);
+                    eye.is_some_and(|eye| !tbv.grown(ROUNDING_M).contains(eye))
+                };
+                if engine.tbv(*id).as_ref().is_some_and(is_outside) {
+                    found.push((Violation::Outside, *viewer, *id));
+                }
+            }
+        }
+        for (violation, viewer, id) in found {
+            let more = format!(" (known to the station of walker {})", moment.trace_id(viewer));
+            self.note(moment, &violation, id, &more);
+        }
+    }
+
+    /// Whether a viewer's station must know an avatar of another one by now: both have been there for
+    /// long enough, their stations have heard each other for long enough, and no message is late.
+    fn is_known_well(&self, moment: &TickView<'_>, viewer: AvatarId, id: AvatarId) -> bool {
+        let settling = KNOWN_AFTER + 4 * self.bus;
+        let linked = moment.linked_since(viewer, id);
+        let since = |at: Option<Duration>| at.is_some_and(|at| at + settling <= moment.now);
+        since(linked)
+            && [viewer, id].into_iter().all(|id| {
+                let is_late = moment.is_late(id) || moment.is_overdue(id);
+                since(moment.settled_at(id)) && !is_late && !self.is_on_the_way(moment, id)
+            })
     }
 
     /// Whether reports from before an avatar was put elsewhere, or the notice of it, may still be
@@ -285,11 +361,11 @@ impl InvariantChecker {
         let steps = one_way.as_nanos().div_ceil(DELAY_STEP.as_nanos());
         let delay = DELAY_STEP * u32::try_from(steps).ok()?;
         let agility = moment.engine.agility();
-        let eyes = self.regions(moment, viewer, delay, &agility)?;
+        let eyes = self.regions(moment, [viewer; 2], delay, &agility)?;
         // An avatar that departs from its course may be anywhere within reach of the top speed.
-        let is_doubted = moment.engine.is_doubted(moment.now, avatar);
+        let is_doubted = moment.engine_of(viewer).is_doubted(moment.now, avatar);
         let dash = if is_doubted { agility.speed_max } else { agility.dash };
-        let others = self.regions(moment, avatar, delay, &Agility { dash, ..agility })?;
+        let others = self.regions(moment, [viewer, avatar], delay, &Agility { dash, ..agility })?;
         let body = self.world.body.in_axes(&cells.axes);
         let cells_within = |region: &EyeRegion| self.cells_within(region);
         let [eyes, others]: [Vec<(CellId, Aabb)>; 2] =
@@ -306,14 +382,15 @@ impl InvariantChecker {
     fn regions(
         &self,
         moment: &TickView<'_>,
-        id: AvatarId,
+        [viewer, id]: [AvatarId; 2],
         delay: Duration,
         agility: &Agility,
     ) -> Option<Vec<EyeRegion>> {
         let axes = &self.world.cells.axes;
-        let known = self.known(moment, id)?;
+        let known = self.known_to(moment, viewer, id)?;
+        let bus = if moment.are_together(viewer, id) { Duration::ZERO } else { self.bus };
         let region = |known: &Known| {
-            let margin = self.margin_of(moment, id);
+            let margin = self.margin_of(moment, id) + bus;
             let unheard = (moment.now.saturating_sub(known.at) + margin).min(self.horizon_max);
             let time = unheard + self.tick + delay;
             let Pose { eye, velocity, .. } = known.pose;
@@ -328,12 +405,23 @@ impl InvariantChecker {
     /// of its client by which it would have reported a departure. Which of them is the last depends
     /// on jitter.
     fn known(&self, moment: &TickView<'_>, id: AvatarId) -> Option<Vec<Known>> {
-        let (pose, made) = (moment.engine.pose(id)?, moment.last_sampled(id)?);
-        let last_heard = moment.last_report(id)?;
+        self.known_to(moment, id, id)
+    }
+
+    /// The same, as the station of a viewer knows it.
+    fn known_to(
+        &self,
+        moment: &TickView<'_>,
+        viewer: AvatarId,
+        id: AvatarId,
+    ) -> Option<Vec<Known>> {
+        let engine = moment.engine_of(viewer);
+        let (pose, made) = (engine.pose(id)?, moment.last_sampled_by(viewer, id)?);
+        let last_heard = moment.last_report_by(viewer, id)?;
         let agility = moment.engine.agility();
         // Who has just fallen silent was on course before.
         let before = self.tolerances.get(&id).copied().unwrap_or(Tolerance::NONE);
-        let tolerance = moment.engine.tolerance(id)?.union(&before);
+        let tolerance = engine.tolerance(id)?.union(&before);
         // A report that came since the last tick may show that the client obeys a smaller one.
         let is_news = last_heard + self.tick > moment.now;
         let narrowed = self.ordered.get(&id).copied().filter(|_| is_news);
@@ -376,16 +464,16 @@ impl InvariantChecker {
     }
 
     fn margin_of(&self, moment: &TickView<'_>, id: AvatarId) -> Duration {
-        moment.engine.margin(id).unwrap_or(self.margin)
+        moment.engine_of(id).margin(id).unwrap_or(self.margin)
     }
 
     /// A hidden avatar is inside its TBV, the TBV was large enough, and it is asked in time.
     fn check_tbvs(&mut self, moment: &TickView<'_>) {
         let before = std::mem::take(&mut self.hidden);
         for (id, eye) in moment.eyes() {
-            let Some(tbv) = moment.engine.tbv(id) else { continue };
+            let Some(tbv) = moment.engine_of(id).tbv(id) else { continue };
             self.seen.hidden_ticks += 1;
-            let is_quiet = moment.engine.state(id) == Some(ReportingState::Quiet);
+            let is_quiet = moment.engine_of(id).state(id) == Some(ReportingState::Quiet);
             let known = before.get(&id).filter(|(known, ..)| *known == tbv);
             let ask_by =
                 known.map_or_else(|| self.ask_by(moment, id, &tbv), |(.., ask_by)| *ask_by);
@@ -407,7 +495,7 @@ impl InvariantChecker {
     /// The latest time to ask a hidden avatar: early enough that it answers, receives its new
     /// state, and the slowest client is told what it does then.
     fn ask_by(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Duration {
-        let told = self.longest_round_trip(moment, &|_| true) / 2;
+        let told = self.longest_round_trip(moment, id, &|_| true) / 2;
         let lead = 2 * moment.round_trip(id).min(self.horizon_max) + told + 2 * self.tick;
         tbv.expiry.saturating_sub(lead + self.margin_of(moment, id))
     }
@@ -417,30 +505,32 @@ impl InvariantChecker {
     /// and its answer is sent out.
     fn notice(&self, moment: &TickView<'_>, id: AvatarId) -> Duration {
         let way = moment.round_trip(id).min(self.horizon_max) / 2 + self.margin_of(moment, id);
-        let asked = self.longest_round_trip(moment, &|id| self.may_fall_silent(moment, id));
+        let asked = self.longest_round_trip(moment, id, &|id| self.may_fall_silent(moment, id));
         self.tick
             + way
             + self.tick
             + asked
             + self.tick
-            + self.longest_round_trip(moment, &|_| true) / 2
+            + self.longest_round_trip(moment, id, &|_| true) / 2
     }
 
     /// Whether the avatar can be asked and heard again within [`SILENT_MAX`].
     fn may_fall_silent(&self, moment: &TickView<'_>, id: AvatarId) -> bool {
         let (trip, margin) = (moment.round_trip(id), self.margin_of(moment, id).max(self.margin));
-        let told = self.longest_round_trip(moment, &|_| true) / 2;
+        let told = self.longest_round_trip(moment, id, &|_| true) / 2;
         let asked_and_told = 2 * trip + told + 2 * self.tick + margin;
         trip <= self.horizon_max && trip / 2 + margin + asked_and_told + 2 * self.tick <= SILENT_MAX
     }
 
-    /// The longest round trip of the counted avatars.
+    /// The longest round trip of the counted avatars of an avatar's station.
     fn longest_round_trip(
         &self,
         moment: &TickView<'_>,
+        of: AvatarId,
         is_counted: &dyn Fn(AvatarId) -> bool,
     ) -> Duration {
-        let ids = moment.engine.avatars().filter(|id| is_counted(*id));
+        // Stations hear of each other's slowest clients a little later.
+        let ids = moment.engine_of(of).avatars().filter(|id| is_counted(*id));
         ids.map(|id| moment.round_trip(id).min(self.horizon_max)).max().unwrap_or_default()
     }
 

@@ -30,10 +30,10 @@ use rayon::prelude::*;
 use serde::Serialize;
 use sightline_cli::trace::Trace;
 use sightline_compiler::pvs;
-use sightline_engine::{Config, FaultInjection, Margin, Output, Policy, Validity};
+use sightline_engine::{Config, FaultInjection, Margin, Output, Policy, StationFault, Validity};
 use sightline_replay::{
-    ClientFaults, NetworkConditions, OracleStride, ReplayOptions, ReplayReport, TickView,
-    run_watched,
+    ClientFaults, NetworkConditions, OracleStride, ReplayOptions, ReplayReport, StationOptions,
+    TickView, Trouble, run_watched,
 };
 use sightline_world::{CellId, Portal, World};
 
@@ -45,6 +45,12 @@ use walkers::Walks;
 const ROUND_TRIP_MAX_MS: u64 = 300;
 /// The largest drift of a round trip, in milliseconds.
 const DRIFT_MAX_MS: u64 = 80;
+/// Salt of the random numbers that choose stations, so that they leave all else as it is without.
+const STATIONS_SALT: u64 = 0x57a7_1075;
+/// The most stations and visitors of a simulation of several stations.
+const STATIONS_MAX: usize = 16;
+const VISITORS_MAX: usize = 32;
+
 /// The chance per step that an avatar is put elsewhere, in simulations where that happens.
 const JUMP_CHANCE: f64 = 0.005;
 
@@ -72,10 +78,20 @@ pub enum Fault {
     LostDeparture,
     /// That a result of sight tests no longer holds shows one tick late.
     LateCertificate,
+    /// A station does something wrong with its neighbours.
+    Station(StationFault),
 }
 
 impl Fault {
-    /// All faults.
+    /// All faults that need several stations.
+    pub const OF_STATIONS: [Self; 4] = [
+        Self::Station(StationFault::BusIgnored),
+        Self::Station(StationFault::LateSubscription),
+        Self::Station(StationFault::SilenceUnasked),
+        Self::Station(StationFault::LeavingUnsaid),
+    ];
+
+    /// All other faults.
     pub const ALL: [Self; 9] = [
         Self::SmallTbv,
         Self::ShortNotice,
@@ -99,6 +115,13 @@ impl Fault {
             Self::LateExpiry => broken.report.expiries > 0,
             Self::LateCertificate => whole.observed.told > 0,
             Self::WideRegions => broken.observed.told > whole.observed.told,
+            Self::Station(_) => {
+                let told = |outcome: &SimulationOutcome| {
+                    let stations = outcome.report.stations.as_ref();
+                    (stations.map(|stations| stations.messages.clone()), outcome.observed.told)
+                };
+                told(whole) != told(broken)
+            }
             Self::DepartureLate | Self::ToleranceDoubled | Self::LostDeparture => {
                 let sent = |outcome: &SimulationOutcome| {
                     (outcome.report.reports, outcome.report.bytes_from_client)
@@ -123,6 +146,12 @@ impl Fault {
             // In buildings this small most cells see each other, so the PVS allows what sight tests
             // had ruled out. Only what cells rule out too is found: in every fourth seed or so.
             Self::WideRegions => 0.1,
+            Self::Station(StationFault::BusIgnored) => 0.5,
+            // In buildings this small most sectors see each other, so that hardly any is new, and two
+            // that are both hidden from each other are rare.
+            Self::Station(StationFault::LateSubscription) => 0.02,
+            Self::Station(StationFault::SilenceUnasked) => 0.1,
+            Self::Station(StationFault::LeavingUnsaid) => 0.3,
             // A fault changes what happens before, so that the chance to act may not come about, and
             // what follows from a lost message is excused.
             _ => 0.9,
@@ -145,6 +174,10 @@ impl Fault {
             region_scale: part(Self::WideRegions, 1.5),
             expiry_late: if self == Self::LateExpiry { tick } else { Duration::ZERO },
             certificates_late: u32::from(self == Self::LateCertificate),
+            station: match self {
+                Self::Station(fault) => Some(fault),
+                _ => None,
+            },
         }
     }
 }
@@ -248,11 +281,12 @@ impl SimulationOutcome {
 
 impl fmt::Display for SimulationOutcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { seed, buildings, network, violations, .. } = self;
+        let Self { seed, buildings, network, violations, report, .. } = self;
         writeln!(f, "seed {seed}: {} violations; {network}", violations.len())?;
         violations.iter().try_for_each(|violation| writeln!(f, "  {violation}"))?;
         let command = "cargo bench -p sightline-tests --bench simulation --";
-        write!(f, "repeat with: {command} --seed {seed} --buildings {buildings}")
+        let stations = if report.stations.is_some() { " --stations" } else { "" };
+        write!(f, "repeat with: {command} --seed {seed} --buildings {buildings}{stations}")
     }
 }
 
@@ -266,21 +300,82 @@ pub fn run(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
     let trace =
         walkers::trace(building, &mut rng, &Walks { agents, steps, speed_max, jump_chance });
     let options = options(seed, &mut rng, speed_max, fault);
-    let ReplayOptions { round_trip, network, config: Config { validity, margin, .. }, .. } =
-        &options;
+    simulate(seed, pool, fault, &trace, &options, jump_chance)
+}
+
+/// Runs the simulation of a seed with several stations: 1 to 16, with 1 to 32 visitors, a bus that is
+/// slow and uneven, and stations that stop or lose each other.
+pub fn run_stations(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
+    let building = pool.of(seed);
+    let mut rng = SmallRng::seed_from_u64(seed ^ STATIONS_SALT);
+    let speed_max = [1.5, 2.0, 4.0, 7.0][rng.random_range(0..4)];
+    // Most are small, so that many are run.
+    let visitors_max = if rng.random_bool(0.15) { VISITORS_MAX } else { 8 };
+    let agents = rng.random_range(1..=visitors_max);
+    let steps = rng.random_range(120..=200);
+    let jump_chance = if rng.random_bool(0.2) { JUMP_CHANCE } else { 0.0 };
+    let trace =
+        walkers::trace(building, &mut rng, &Walks { agents, steps, speed_max, jump_chance });
+    let mut options = options(seed, &mut rng, speed_max, fault);
+    // What a station knows of round trips elsewhere is a moment old.
+    options.network.drift = Duration::ZERO;
+    let stations_max = if rng.random_bool(0.2) { STATIONS_MAX } else { 4 };
+    let count = rng.random_range(1..=stations_max);
+    let ms = |all: &[u64], rng: &mut SmallRng| {
+        Duration::from_millis(all[rng.random_range(0..all.len())])
+    };
+    let jitter = ms(&[0, 2, 10], &mut rng);
+    options.stations = StationOptions {
+        count,
+        delay: ms(&[0, 1, 5, 20, 50, 120], &mut rng),
+        jitter,
+        troubles: troubles(count, steps, &mut rng),
+        ..StationOptions::default()
+    };
+    options.config.bus_margin = Margin::Fixed(jitter);
+    simulate(seed, pool, fault, &trace, &options, jump_chance)
+}
+
+/// What goes wrong between stations in a simulation: nothing in most.
+fn troubles(count: usize, steps: u32, rng: &mut SmallRng) -> Vec<Trouble> {
+    let at = Duration::from_secs_f32(walkers::STEP_S) * rng.random_range(50..steps);
+    let station = rng.random_range(0..count);
+    match rng.random_range(0..10) {
+        _ if count < 2 => Vec::new(),
+        0..2 => vec![Trouble::Loss { station, at }],
+        2..4 => {
+            let until = at + Duration::from_millis(rng.random_range(100..4_000));
+            vec![Trouble::Partition { stations: station.max(1), from: at, until }]
+        }
+        _ => Vec::new(),
+    }
+}
+
+fn simulate(
+    seed: u64,
+    pool: &BuildingPool,
+    fault: Fault,
+    trace: &Trace,
+    options: &ReplayOptions,
+    jump_chance: f64,
+) -> SimulationOutcome {
+    let building = pool.of(seed);
+    let ReplayOptions { round_trip, network, stations, config, .. } = options;
+    let Config { validity, margin, speed_max, .. } = config;
+    let speed_max = speed_max.unwrap_or(building.world.speed_max);
     let network = format!(
-        "{speed_max} m/s, {jump_chance} jumps per step, {validity}, round trip {round_trip:?}, {network:?}, {margin:?}"
+        "{speed_max} m/s, {jump_chance} jumps per step, {validity}, round trip {round_trip:?}, {network:?}, {margin:?}, {stations:?}"
     );
-    let lost = (fault == Fault::LostPortal).then(|| without_portal(building, &trace, speed_max));
+    let lost = (fault == Fault::LostPortal).then(|| without_portal(building, trace, speed_max));
     let lost = lost.flatten();
     let has_lost_portal = lost.is_some();
     let world = lost.unwrap_or_else(|| Arc::clone(&building.world));
-    let mut checker = InvariantChecker::new(&building.world, &options);
-    let run = run_watched(&world, &trace, &options, None, &mut |now| checker.check(now));
+    let mut checker = InvariantChecker::new(&building.world, options);
+    let run = run_watched(&world, trace, options, None, &mut |now| checker.check(now));
     let report = run.expect("there is no dump to write");
     let observed = checker.end();
     let mut violations = observed.violations.clone();
-    violations.extend(violations_of(&report, &options));
+    violations.extend(violations_of(&report, options));
     SimulationOutcome {
         seed,
         buildings: pool.size,
@@ -293,13 +388,14 @@ pub fn run(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
 }
 
 /// All outputs of the engine in a simulation, tick by tick, with a number of threads and a budget
-/// for sight tests.
+/// for sight tests. With no station there is one server, which is no station.
 pub fn outputs_by_tick(
     seed: u64,
     pool: &BuildingPool,
     agents: usize,
     threads: usize,
     sight_test_budget: u32,
+    stations: usize,
 ) -> Vec<Vec<Output>> {
     let building = pool.of(seed);
     let mut rng = SmallRng::seed_from_u64(seed);
@@ -308,6 +404,7 @@ pub fn outputs_by_tick(
     let mut options = options(seed, &mut rng, 4.0, Fault::None);
     options.oracle = OracleStride::Off;
     options.config = Config { threads, sight_test_budget, ..options.config };
+    options.stations.count = stations;
     let mut outputs_by_tick = Vec::new();
     let record = &mut |now: &TickView<'_>| outputs_by_tick.push(now.outputs.to_vec());
     run_watched(&building.world, &trace, &options, None, record)

@@ -97,6 +97,12 @@ impl ClaimConsistency {
         self.next = (self.next + 1) % CLAIMS_KEPT;
     }
 
+    /// What another station has found of a client of its own.
+    pub(crate) fn relayed(is_consistent: bool) -> Self {
+        let doubted_until = if is_consistent { Duration::ZERO } else { Duration::MAX };
+        Self { doubted_until, ..Self::default() }
+    }
+
     /// Forgets all claims: something else has moved the body.
     pub(crate) fn forget(&mut self) {
         self.claims = Default::default();

@@ -24,6 +24,18 @@ pub(crate) struct WalkState {
     is_stuck: bool,
 }
 
+impl WalkState {
+    /// The state of an avatar of another station.
+    pub(crate) fn relayed(space: Option<u32>, is_stuck: bool) -> Self {
+        Self { space, is_stuck }
+    }
+
+    /// What another station is told: the space, and whether the body is stuck.
+    pub(crate) fn parts(self) -> (Option<u32>, bool) {
+        (self.space, self.is_stuck)
+    }
+}
+
 /// A claimed step on foot. Both places are in own axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Walk {

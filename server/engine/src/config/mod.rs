@@ -48,6 +48,9 @@ pub struct Config {
     pub shape: TbvShape,
     /// By how much a message may take longer than half of its client's measured round trip.
     pub margin: Margin,
+    /// By how much a message to or from another station may take longer than half of the measured
+    /// round trip of its link.
+    pub bus_margin: Margin,
     /// The longest round trip, and the longest silence of a live client, that is allowed for. A
     /// client above it is treated as if it were at it, and may then be told late and be seen late.
     pub horizon_max: Duration,
@@ -114,13 +117,36 @@ pub struct FaultInjection {
     pub expiry_late: Duration,
     /// How many ticks too late it shows that a result of sight tests no longer holds.
     pub certificates_late: u32,
+    /// What a station does wrong with its neighbours.
+    pub station: Option<StationFault>,
+}
+
+/// What a station does wrong with its neighbours.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StationFault {
+    /// It takes what it hears for as new as what its own clients say.
+    BusIgnored,
+    /// It subscribes to what its own avatars may see from where they are now.
+    LateSubscription,
+    /// It lets its avatars be silent whatever others say, and whoever may see them there.
+    SilenceUnasked,
+    /// It does not say that an avatar leaves its box.
+    LeavingUnsaid,
 }
 
 impl Default for FaultInjection {
     fn default() -> Self {
         let expiry_late = Duration::ZERO;
         let (tbv_scale, notice_scale, region_scale) = (1.0, 1.0, 1.0);
-        Self { tbv_scale, notice_scale, region_scale, expiry_late, certificates_late: 0 }
+        Self {
+            tbv_scale,
+            notice_scale,
+            region_scale,
+            expiry_late,
+            certificates_late: 0,
+            station: None,
+        }
     }
 }
 
@@ -152,7 +178,7 @@ impl Config {
             Validity::Constant(validity) => Validity::Constant(time(validity)),
             other => other,
         };
-        let margin = match self.margin {
+        let bounded = |margin: Margin| match margin {
             Margin::Fixed(margin) => Margin::Fixed(margin.min(HORIZON_MAX)),
             Margin::Measured { first, most } => {
                 Margin::Measured { first: first.min(HORIZON_MAX), most: most.min(HORIZON_MAX) }
@@ -163,7 +189,8 @@ impl Config {
             tick: self.tick.clamp(TICK_MIN, TIME_MAX),
             validity,
             validity_max: time(self.validity_max),
-            margin,
+            margin: bounded(self.margin),
+            bus_margin: bounded(self.bus_margin),
             horizon_max: self.horizon_max.min(HORIZON_MAX),
             round_trip_initial: time(self.round_trip_initial),
             speed_max: self.speed_max.filter(|s| !s.is_nan()).map(|s| s.clamp(0.0, SPEED_MAX)),
@@ -194,6 +221,10 @@ impl Default for Config {
             shape: TbvShape::Reach,
             margin: Margin::Measured {
                 first: Duration::from_millis(25),
+                most: Duration::from_millis(100),
+            },
+            bus_margin: Margin::Measured {
+                first: Duration::from_millis(10),
                 most: Duration::from_millis(100),
             },
             horizon_max: Duration::from_millis(400),

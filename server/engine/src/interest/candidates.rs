@@ -92,6 +92,9 @@ impl Candidates<'_> {
             if other == index || other < index && all[other].has_moved() {
                 return false;
             }
+            if all[index].is_guest && all[other].is_guest {
+                return false;
+            }
             // What gates leave open between smaller regions they leave open between coarse ones.
             let is_open = |pair: &Pair| pair.concerns && !pair.sight.is_surely_hidden();
             if own.get(member.id).is_some_and(is_open) {

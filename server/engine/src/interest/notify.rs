@@ -31,6 +31,9 @@ pub(crate) fn notify(
     let Snapshot { live, pairs } = snapshot;
     let mut outputs = pool.gather(pairs, |workspace, index, pairs, outputs| {
         let viewer = &live.all()[index];
+        if viewer.is_guest {
+            return;
+        }
         if !view.config.policy.uses_cells() {
             pairs.match_to(told_without_cells(view, live, viewer));
         }

@@ -44,6 +44,8 @@ impl SortKey {
 pub(crate) struct LiveAvatar<'a> {
     pub(super) key: SortKey,
     pub(super) member: Member,
+    /// Whether it belongs to another station. Then it is seen here, and its viewer is told there.
+    pub(super) is_guest: bool,
     pub(super) profile: &'a Profile,
     /// Counts accepted poses.
     pub(super) version: Generation,
@@ -126,11 +128,12 @@ impl<'a> Snapshot<'a> {
             let Some(avatar) = avatars[slot.0 as usize].take() else { continue };
             index_of[slot.0 as usize] = index;
             let (motion, shown) = (avatar.motion(view), avatar.shown(view));
-            let shown_for = avatar.shown_for(view);
+            let (shown_for, is_guest) = (avatar.shown_for(view), avatar.is_guest());
             pairs.push(&mut avatar.pairs);
             all.push(LiveAvatar {
                 key,
                 member: Member { id: avatar.id, slot },
+                is_guest,
                 profile: &avatar.profile,
                 version: avatar.version,
                 has_news: std::mem::take(&mut avatar.has_news),

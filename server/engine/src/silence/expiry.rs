@@ -47,6 +47,10 @@ impl Silencing<'_> {
             if let Some(slot) = self.population.slot(id) {
                 self.stats.expiries += 1;
                 self.ask(slot, End::Expired);
+                if self.population.at(slot).is_guest() {
+                    outputs.push(self.order_live(slot));
+                    continue;
+                }
                 outputs.push(Output::Ask { to: id });
             }
         }

@@ -5,6 +5,7 @@
 
 mod expiry;
 mod expiry_queue;
+mod guests;
 mod reveal;
 mod search;
 mod settle;
@@ -81,7 +82,9 @@ impl Silencing<'_> {
         (avatar.unanswered, avatar.asked_round) = (1, rounds);
         let (id, trip) = (avatar.id, avatar.round_trip);
         self.deadlines.expiries.cancel(id);
-        self.deadlines.wait(now, id, trip + config.ask_timeout);
+        if !self.population.at(slot).is_guest() {
+            self.deadlines.wait(now, id, trip + config.ask_timeout);
+        }
         self.population.set_asked(slot);
     }
 
@@ -98,8 +101,10 @@ impl Silencing<'_> {
         avatar.prevented = None;
         self.deadlines.expiries.cancel(member.id);
         self.population.set_live(slot);
-        let patience = self.population.at(slot).patience(self.view);
-        self.deadlines.wait(now, member.id, patience);
+        if !self.population.at(slot).is_guest() {
+            let patience = self.population.at(slot).patience(self.view);
+            self.deadlines.wait(now, member.id, patience);
+        }
     }
 
     /// Takes in an unasked report of a quiet client. If the avatar is about to leave, or would be

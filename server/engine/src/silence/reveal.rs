@@ -25,12 +25,19 @@ impl Silencing<'_> {
         let time = horizons.reveal_horizon(motion.age);
         let bound = MotionBound::new(building, &motion, motion.is_believed, time);
         avatar.reveal_box = bound.eyes;
-        avatar.footprint_box = avatar.footprint_box.filter(|made| made.contains_box(&bound.eyes));
-        if self.population.is_nobody_hidden() {
+        // Other stations must know in time.
+        let more = horizons.subscription_time();
+        let eyes = if avatar.is_guest() || more.is_zero() {
+            bound.eyes
+        } else {
+            MotionBound::new(building, &motion, motion.is_believed, time + more).eyes
+        };
+        avatar.footprint_box = avatar.footprint_box.filter(|made| made.contains_box(&eyes));
+        if self.population.is_nobody_hidden() && !self.view.stations.are_several() {
             return;
         }
         if self.population.at(slot).footprint_box.is_none() {
-            self.update_footprint(slot, &motion, &bound.eyes);
+            self.update_footprint(slot, &motion, &eyes);
         }
         let nearby = &self.population.at(slot).nearby_hidden;
         if nearby.is_empty() {
@@ -75,6 +82,7 @@ impl Silencing<'_> {
         self.indices.hidden.meeting_sectors(&building.sectors, &footprint.sectors, &mut nearby);
         nearby.sort_unstable();
         nearby.dedup();
+        nearby.retain(|other| self.population.is_one_own(slot, other.slot));
         nearby.retain(|other| self.may_see_each_other(&footprint, other.slot));
         let avatar = self.population.at_mut(slot);
         self.indices.live.replace(member, &avatar.footprint.sectors, &footprint.sectors);
@@ -83,7 +91,7 @@ impl Silencing<'_> {
     }
 
     /// Orders hidden clients to report from now on.
-    fn ask_to_stay(&mut self, found: Vec<Member>, outputs: &mut Vec<Output>) {
+    pub(super) fn ask_to_stay(&mut self, found: Vec<Member>, outputs: &mut Vec<Output>) {
         for Member { slot, .. } in found {
             if self.population.at(slot).state == ReportingState::Quiet {
                 self.stats.reveals += 1;
@@ -104,6 +112,7 @@ impl Silencing<'_> {
         indices.live.meeting_sectors(&view.building.sectors, &footprint.sectors, &mut found);
         found.sort_unstable();
         found.dedup();
+        found.retain(|live| population.is_one_own(member.slot, live.slot));
         found.retain(|live| {
             let live = &population.at(live.slot).footprint;
             let whole = Reached { footprint: live, cover: &live.cover };

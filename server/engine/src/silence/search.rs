@@ -6,11 +6,12 @@ use sightline_world::{geometry::Aabb, motion::Tbv, tolerance::WIRE_POSE_M};
 
 use super::Silencing;
 use crate::{
-    config::{TbvShape, Validity},
+    config::{StationFault, TbvShape, Validity},
     population::Prevented,
     regions::{HiddenFootprint, MotionBound, Reach, scaled},
     slot::{Member, Slot},
     sphere::Sphere,
+    stations::RelayOrder,
     view::View,
 };
 
@@ -22,6 +23,12 @@ const BISECTIONS: u32 = 2;
 /// to the second, in metres. With steps of up to 4 m fewer avatars are silent, because what one
 /// takes others cannot have.
 const STAY_STEPS_M: [f32; 2] = [0.5, 1.0];
+
+/// The same for avatars of other stations. Each box that is left costs messages, and far from this
+/// station's own avatars there is much room.
+const GUEST_STEPS_M: [f32; 2] = [1.0, 8.0];
+/// How long an avatar of another station may stay in a box.
+pub(super) const GUEST_VALIDITY: Duration = Duration::from_secs(60);
 
 /// A TBV that stays unseen.
 pub(super) struct Silence {
@@ -59,6 +66,9 @@ impl Silencing<'_> {
         let most = config.validity_max.max(least);
         let wanted = avatar.validity.clamp(least, most);
         debug_assert!(least <= wanted && wanted <= most);
+        if avatar.is_guest() {
+            return self.largest_stay(slot, age, GUEST_VALIDITY);
+        }
         match config.validity {
             Validity::Constant(validity) if validity < least => None,
             Validity::Constant(validity) => self.unseen(slot, validity),
@@ -83,7 +93,12 @@ impl Silencing<'_> {
         let View { building, config, horizons, .. } = self.view;
         let avatar = self.population.at(slot);
         let motion = avatar.motion(self.view);
-        let notice = horizons.notice(avatar.link());
+        let agreed = avatar.relays.iter().filter_map(|relay| match relay.order {
+            RelayOrder::Quiet(stay) => Some(stay.notice),
+            RelayOrder::Live(_) => None,
+        });
+        let notice = agreed.fold(horizons.notice(avatar.link()), Duration::max);
+        let [step_min, step_max] = if avatar.is_guest() { GUEST_STEPS_M } else { STAY_STEPS_M };
         let told = age + horizons.one_way(avatar.round_trip) + config.tick;
         let least = MotionBound::new(building, &motion, true, told + notice);
         let within = least.eyes.grown(WIRE_POSE_M);
@@ -91,7 +106,6 @@ impl Silencing<'_> {
         let expiry = self.known_at(&motion) + validity;
         let tbv = Tbv { within, axes: *building.axes(), expiry, notice };
         let mut found = self.stay(slot, tbv, validity)?;
-        let [step_min, step_max] = STAY_STEPS_M;
         let mut step = step_min;
         while step <= step_max
             && let Some(larger) = self.stay(slot, found.tbv.grown(step), validity)
@@ -121,8 +135,8 @@ impl Silencing<'_> {
         let start = self.population.at(slot).motion(self.view).start(building);
         let reach = Reach::in_box(&mut self.workspace.reach, &start, &tbv.within);
         let footprint = HiddenFootprint::of_reach(building, &mut self.workspace.reach, &reach);
-        let is_seen = self.is_seen(slot, &footprint);
-        (!is_seen).then_some(Silence { tbv, sphere: None, footprint, validity })
+        let may_stay = self.others_allow(slot, &tbv, &footprint) && !self.is_seen(slot, &footprint);
+        may_stay.then_some(Silence { tbv, sphere: None, footprint, validity })
     }
 
     /// The same TBV, or one that is too small where a test injects that fault.
@@ -195,13 +209,13 @@ impl Silencing<'_> {
             }
         };
         let tbv = Tbv { within, axes: *building.axes(), expiry, notice: Duration::ZERO };
-        let is_seen = self.is_seen(slot, &footprint);
-        (!is_seen).then_some(Silence { tbv, sphere, footprint, validity })
+        let may_stay = self.others_allow(slot, &tbv, &footprint) && !self.is_seen(slot, &footprint);
+        may_stay.then_some(Silence { tbv, sphere, footprint, validity })
     }
 
     /// Whether another avatar may see into a footprint, or be seen from it: by cells first, and
     /// then by sight tests. The avatar that was found the last time is tested first.
-    fn is_seen(&mut self, slot: Slot, footprint: &HiddenFootprint) -> bool {
+    pub(super) fn is_seen(&mut self, slot: Slot, footprint: &HiddenFootprint) -> bool {
         let last = self.population.at(slot).prevented.map(|prevented| prevented.by);
         if let Some(last) = last.filter(|last| self.may_meet(footprint, *last))
             && self.may_see_each_other(footprint, last.slot)
@@ -214,6 +228,10 @@ impl Silencing<'_> {
             index.meeting_sectors(&self.view.building.sectors, &footprint.sectors, &mut found);
         }
         found.retain(|other| other.slot != slot && Some(*other) != last);
+        found.retain(|other| self.population.is_one_own(slot, other.slot));
+        if self.view.config.faults.station == Some(StationFault::SilenceUnasked) {
+            found.retain(|other| !self.population.at(other.slot).is_guest());
+        }
         found.sort_unstable();
         found.dedup();
         let seen_by =

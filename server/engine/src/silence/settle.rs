@@ -2,12 +2,13 @@
 
 use super::{Silencing, search::Silence};
 use crate::{
-    config::Policy,
+    config::{Policy, StationFault},
     interest::end_pairs,
     messages::Output,
     pairs::Pairs,
     population::{Avatar, Prevented},
     slot::{Member, Slot},
+    stations::RelayOrder,
     timing::{Link, SILENT_MAX},
     view::View,
 };
@@ -76,10 +77,22 @@ impl Silencing<'_> {
             && !avatar.is_absent
             && avatar.watchers == 0
             && now >= avatar.silence_from
-            && avatar.pairs.iter().all(|pair| !pair.is_held && pair.sight.is_surely_hidden())
+            && self.is_surely_hidden(avatar)
+            && (avatar.relays.iter().all(|relay| matches!(relay.order, RelayOrder::Quiet(_)))
+                || config.faults.station == Some(StationFault::SilenceUnasked))
             && is_fresh(avatar.link())
             && horizons.may_be_silent(avatar.link())
             && !self.is_still_prevented(avatar)
+    }
+
+    /// Whether none of the pairs of an avatar may be in sight. Of a guest's pairs only those count
+    /// in which others see it.
+    fn is_surely_hidden(&self, avatar: &Avatar) -> bool {
+        avatar.pairs.iter().all(|pair| {
+            let mirrored = || self.population.at(pair.slot).pairs.get(avatar.id);
+            let seen = if avatar.is_guest() { mirrored() } else { Some(pair) };
+            seen.is_some_and(|pair| !pair.is_held && pair.sight.is_surely_hidden())
+        })
     }
 
     /// Whether nothing has changed since another avatar kept this one from falling silent: both
@@ -96,7 +109,7 @@ impl Silencing<'_> {
     }
 
     /// From live to quiet.
-    fn hide(&mut self, slot: Slot, silence: Silence) {
+    pub(super) fn hide(&mut self, slot: Slot, silence: Silence) {
         let View { config, horizons, now, .. } = self.view;
         let Silence { tbv, sphere, footprint, validity } = silence;
         let motion = self.population.at(slot).motion(self.view);
@@ -105,6 +118,7 @@ impl Silencing<'_> {
         let known = self.known_at(&motion);
         let avatar = self.population.at_mut(slot);
         let member = Member { id: avatar.id, slot };
+        avatar.hidden_at = motion.pose;
         avatar.pairs = Pairs::default();
         avatar.footprint_box = None;
         avatar.nearby_hidden = Vec::new();

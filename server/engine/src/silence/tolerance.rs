@@ -21,7 +21,11 @@ impl Silencing<'_> {
     pub(super) fn order_live(&mut self, slot: Slot) -> Output {
         let avatar = self.population.at_mut(slot);
         let tolerance = wanted(self.view, avatar);
-        avatar.orders.send_live(tolerance);
+        if avatar.is_guest() {
+            avatar.orders.send_ask(tolerance);
+        } else {
+            avatar.orders.send_live(tolerance);
+        }
         avatar.ordered = self.view.now;
         Output::Live { to: avatar.id, tolerance }
     }
@@ -42,7 +46,9 @@ impl Silencing<'_> {
             return true;
         }
         let is_too_coarse = told.metres > wanted.metres || told.radians > wanted.radians;
-        let is_too_short = told.ahead + told.ahead / AHEAD_PARTS < wanted.ahead;
+        // Other stations know how far ahead this one looks.
+        let is_too_short =
+            !avatar.is_guest() && told.ahead + told.ahead / AHEAD_PARTS < wanted.ahead;
         let is_too_fine = told.metres < wanted.metres || told.radians < wanted.radians;
         is_too_coarse || is_too_short || is_too_fine && now >= avatar.ordered + COARSEN_AFTER
     }
@@ -63,6 +69,10 @@ fn wanted(view: View<'_>, avatar: &Avatar) -> Tolerance {
     }
     if is_seen || avatar.pairs.iter().any(|pair| pair.is_held) {
         acuity = acuity.in_sight(world);
+    }
+    if let Some(abroad) = avatar.asked_abroad() {
+        acuity.metres = acuity.metres.min(abroad.metres);
+        acuity.radians = acuity.radians.min(abroad.radians);
     }
     let horizon = horizons.course_horizon(avatar.link());
     let steps = horizon.as_nanos().div_ceil(AHEAD_STEP.as_nanos());

@@ -2,7 +2,7 @@
 
 use std::{collections::VecDeque, time::Duration};
 
-use crate::config::Margin;
+use crate::{bus::Lags, config::Margin};
 
 /// How many reports are kept.
 const REPORTS_MAX: usize = 64;
@@ -82,6 +82,19 @@ impl Arrivals {
             least_us: 0,
             slowest_us: 0,
         }
+    }
+
+    /// What another station has found of a client of its own.
+    pub(crate) fn relayed(lags: &Lags) -> Self {
+        let Lags { margin, least_us, slowest_us, quickest_us } = *lags;
+        let lags_us = [quickest_us; 2];
+        Self { lags_us, least_us, slowest_us, ..Self::new(Margin::Fixed(margin)) }
+    }
+
+    /// What another station is told.
+    pub(crate) fn lags(&self) -> Lags {
+        let Self { least_us, slowest_us, lags_us: [quickest_us, _], .. } = *self;
+        Lags { margin: self.margin(), least_us, slowest_us, quickest_us }
     }
 
     /// The time by which a message may be later than half of the round trip.

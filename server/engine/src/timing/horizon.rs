@@ -3,10 +3,13 @@
 
 use std::{collections::BTreeMap, sync::OnceLock, time::Duration};
 
-use crate::config::Config;
+use crate::config::{Config, Validity};
 
 /// Delays to viewers are rounded up to a multiple of this, so that viewers share regions.
 const DELAY_STEP: Duration = Duration::from_millis(25);
+/// The time that messages to other stations take is rounded up to a multiple of this, so that it
+/// changes seldom.
+const BUS_STEP: Duration = Duration::from_millis(5);
 /// The longest TBV that a client may need to be asked in time. A client that needs a longer one is
 /// not silenced, because one slow silent client widens the footprints of all live avatars.
 pub(crate) const SILENT_MAX: Duration = Duration::from_secs(1);
@@ -17,6 +20,17 @@ pub(crate) struct Link {
     pub(crate) round_trip: Duration,
     /// By how much one message may take longer than half of the round trip.
     pub(crate) margin: Duration,
+}
+
+/// How far away other stations are, and how slow their clients.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Abroad {
+    /// How long a message to or from a station takes at most.
+    pub(crate) bus: Duration,
+    /// The longest round trip of their clients.
+    pub(crate) slowest: Duration,
+    /// The longest round trip of those that may be silent.
+    pub(crate) silent: Duration,
 }
 
 /// The times that regions must hold for, given the round trips of all clients that are present.
@@ -36,6 +50,10 @@ pub(crate) struct Horizons {
     round_trip_silent_max: OnceLock<Duration>,
     /// The longest round trip of clients that are silent, at least where they may not be any more.
     round_trip_silent: Duration,
+    /// The other stations, if there are any.
+    abroad: Option<Abroad>,
+    /// Whether clients say that they leave their TBVs.
+    is_until_left: bool,
 }
 
 impl Horizons {
@@ -49,7 +67,40 @@ impl Horizons {
             delays: BTreeMap::new(),
             round_trip_silent_max: OnceLock::new(),
             round_trip_silent: Duration::ZERO,
+            abroad: None,
+            is_until_left: config.validity == Validity::UntilLeft,
         }
+    }
+
+    /// Takes in how far away other stations are, if there are any.
+    pub(crate) fn set_abroad(&mut self, abroad: Option<Abroad>) {
+        let abroad = abroad.map(|abroad| {
+            let steps = abroad.bus.as_nanos().div_ceil(BUS_STEP.as_nanos());
+            let bus = BUS_STEP * u32::try_from(steps).unwrap_or(u32::MAX);
+            Abroad { bus: bus.min(self.cap), ..abroad }
+        });
+        if abroad != self.abroad {
+            self.round_trip_silent_max = OnceLock::new();
+            self.abroad = abroad;
+        }
+    }
+
+    /// How much longer than its reveal horizon an avatar's footprint must hold, so that word of who
+    /// may see it, or be seen, comes from other stations in time: a subscription and its answer, and a
+    /// tick of both stations.
+    pub(crate) fn subscription_time(&self) -> Duration {
+        self.abroad.map_or(Duration::ZERO, |abroad| 2 * (abroad.bus + self.tick))
+    }
+
+    /// The longest round trip of this station's own clients, and of those that may be silent.
+    pub(crate) fn own_round_trips(&self) -> [Duration; 2] {
+        [self.own_round_trip_max(), self.own_silent_max()]
+    }
+
+    /// The round trip of an avatar of another station, whose client's own is given. An order may wait
+    /// there for a tick.
+    pub(crate) fn guest_round_trip(&self, round_trip: Duration, bus: Duration) -> Duration {
+        round_trip + 2 * bus + self.tick
     }
 
     /// Adds the round trip of one more client.
@@ -90,7 +141,17 @@ impl Horizons {
     }
 
     fn round_trip_max(&self) -> Duration {
+        let abroad = self.abroad.map_or(Duration::ZERO, |abroad| abroad.slowest);
+        self.own_round_trip_max().max(abroad)
+    }
+
+    fn own_round_trip_max(&self) -> Duration {
         self.round_trips.last_key_value().map_or(Duration::ZERO, |(trip, _)| *trip)
+    }
+
+    /// How long a message to or from another station takes at most.
+    fn bus(&self) -> Duration {
+        self.abroad.map_or(Duration::ZERO, |abroad| abroad.bus)
     }
 
     /// How long a message to a client takes, rounded up to a step that many viewers share.
@@ -116,18 +177,27 @@ impl Horizons {
     /// ticks its word is up to a tick older.
     pub(crate) fn course_horizon(&self, link: Link) -> Duration {
         let age = self.one_way(link.round_trip) + link.margin + self.tick;
-        age + self.tick + self.delay(self.round_trip_max())
+        age + self.tick + self.delay(self.round_trip_max()) + self.bus()
     }
 
     /// How long before its expiry a hidden client must be asked.
     pub(crate) fn lead_time(&self, link: Link) -> Duration {
-        2 * link.round_trip.min(self.cap) + self.one_way_max() + 2 * self.tick + link.margin
+        // A TBV that nobody says to be left ends for another station when that has been told.
+        let is_unsaid = self.abroad.is_some() && !self.is_until_left;
+        let abroad = if is_unsaid { self.notice(link) } else { self.bus() };
+        self.answer_time(link) + abroad
+    }
+
+    /// The time from an ask until what follows from its answer stands at all viewers of this station.
+    fn answer_time(&self, link: Link) -> Duration {
+        let told = 2 * link.round_trip.min(self.cap) + self.one_way_max() + 2 * self.tick;
+        told + link.margin
     }
 
     /// How far ahead a client must foresee that it leaves its TBV: from its last tick at which that
     /// was not so until its word is known to all whom it may concern.
     pub(crate) fn notice(&self, link: Link) -> Duration {
-        let heard = self.one_way(link.round_trip) + link.margin + 2 * self.tick;
+        let heard = self.one_way(link.round_trip) + link.margin + 2 * self.tick + self.bus();
         heard + self.round_trip_silent_max() + self.tick + self.one_way_max()
     }
 
@@ -136,7 +206,7 @@ impl Horizons {
         // The slowest silent client is found with this margin at least.
         let link = Link { margin: link.margin.max(self.margin), ..link };
         let made = self.one_way(link.round_trip) + link.margin;
-        let needed = made + self.lead_time(link) + 2 * self.tick;
+        let needed = made + self.answer_time(link) + 2 * self.tick;
         link.round_trip <= self.cap && needed <= self.silent_max
     }
 
@@ -146,13 +216,18 @@ impl Horizons {
     /// not be silenced now, but has still to be asked in time.
     pub(crate) fn count_silent(&mut self, silent: impl Iterator<Item = Duration>) {
         self.round_trip_silent = Duration::ZERO;
-        let allowed = self.round_trip_silent_max();
+        let allowed = self.own_silent_max();
         if self.round_trip_max() > allowed {
             self.round_trip_silent = silent.max().unwrap_or_default().min(self.cap);
         }
     }
 
     fn round_trip_silent_max(&self) -> Duration {
+        let guests = |Abroad { bus, silent, .. }| self.guest_round_trip(silent, bus);
+        self.own_silent_max().max(self.abroad.map_or(Duration::ZERO, guests))
+    }
+
+    fn own_silent_max(&self) -> Duration {
         // All live avatars ask for this at each tick, and many clients may be too slow.
         let allowed = *self.round_trip_silent_max.get_or_init(|| {
             let mut trips = self.round_trips.keys().rev();

@@ -4,4 +4,4 @@ mod arrivals;
 mod horizon;
 
 pub(crate) use arrivals::{Arrivals, LastKnown};
-pub(crate) use horizon::{Horizons, Link, SILENT_MAX};
+pub(crate) use horizon::{Abroad, Horizons, Link, SILENT_MAX};

@@ -6,10 +6,12 @@ use std::{
 };
 
 use glam::Vec3;
-use sightline_engine::Engine;
 use sightline_world::motion::AvatarId;
 
-use super::super::simulated_clients::{SimulatedClient, SimulatedClients};
+use super::super::{
+    simulated_clients::{SimulatedClient, SimulatedClients},
+    stations::Stations,
+};
 
 /// What rounding adds to the tolerance, in metres: poses on the wire, and courses of rounded rates.
 const ROUNDING_M: f32 = 0.02;
@@ -139,11 +141,14 @@ pub(super) struct Tolerances {
 
 impl Tolerances {
     /// Takes in the tolerances in force. What ended before `since` is forgotten.
-    pub(super) fn add(&mut self, [now, since]: [Duration; 2], engine: &Engine) {
-        let tolerance_m =
-            |avatar| engine.tolerance(avatar).map(|tolerance| tolerance.metres.max(0.0));
+    pub(super) fn add(&mut self, [now, since]: [Duration; 2], stations: &Stations) {
+        let tolerance_m = |avatar| {
+            let tolerance = stations.engine_of(avatar).tolerance(avatar);
+            tolerance.map(|tolerance| tolerance.metres.max(0.0))
+        };
         self.avatars.retain(|avatar, _| tolerance_m(*avatar).is_some());
-        for (avatar, metres) in engine.avatars().filter_map(|id| Some((id, tolerance_m(id)?))) {
+        let all = stations.engines().flat_map(|engine| engine.avatars());
+        for (avatar, metres) in all.filter_map(|id| Some((id, tolerance_m(id)?))) {
             let stood = self.avatars.entry(avatar).or_default();
             if stood.back().is_none_or(|(_, newest)| *newest != metres) {
                 stood.push_back((now, metres));

@@ -14,7 +14,6 @@ use sightline_cli::{
     trace::Trace,
 };
 use sightline_client_core::replica::BLEND;
-use sightline_engine::Engine;
 use sightline_oracle::Oracle;
 use sightline_visibility::rooms::SealedRooms;
 use sightline_world::{
@@ -27,6 +26,7 @@ use super::{
     options::{OracleStride, ReplayOptions},
     report::OracleReport,
     simulated_clients::{SimulatedClient, SimulatedClients},
+    stations::Stations,
 };
 use author::AuthorRules;
 use floor::{Floor, Sightings};
@@ -41,6 +41,8 @@ const PAIRS_MAX: u64 = 1_000_000;
 const INSTANTS_MIN: u64 = 4;
 /// How many misses, and how many stale positions, are listed one by one.
 const LISTED_MAX: usize = 10;
+/// Stations that have found each other know all that they want to after this time and another.
+const LINKING: Duration = Duration::from_secs(1);
 /// Places that are older than their bound by more than this are not looked up.
 const PAST_SPARE: Duration = Duration::from_secs(1);
 
@@ -56,6 +58,10 @@ pub(super) struct Audit {
     /// The time after a join or a jump in which an avatar need not be known, and need not know
     /// others.
     settling: Duration,
+    /// By how much more a position may be old that comes from another station.
+    bus: Duration,
+    /// For so long after two stations have found each other their avatars need not know each other.
+    linking: Duration,
     report: OracleReport,
     totals: Totals,
     shown_errors: PoseErrors,
@@ -94,7 +100,8 @@ impl Audit {
         let speed_max = options.config.speed_max.unwrap_or(world.speed_max);
         let network = &options.network;
         let round_trip_max = options.round_trip + network.spread + network.drift;
-        let age_bound = round_trip_max + 2 * (tick + network.jitter);
+        let bus = options.stations.longest_way();
+        let age_bound = round_trip_max + 2 * (tick + network.jitter) + bus;
         Some(Self {
             oracle: Oracle::new(&world.mesh),
             author: AuthorRules::new(world),
@@ -102,6 +109,8 @@ impl Audit {
             stride,
             next: Duration::ZERO,
             settling: settling(options),
+            bus,
+            linking: settling(options) + LINKING,
             report: OracleReport {
                 stride_ms: stride.as_secs_f64() * 1e3,
                 age_bound_ms: age_bound.as_secs_f64() * 1e3,
@@ -124,10 +133,10 @@ impl Audit {
         now: Duration,
         clients: &SimulatedClients<'_>,
         network: &SimulatedNetwork,
-        engine: &Engine,
+        stations: &Stations,
     ) {
         let oldest = now.saturating_sub(network.age_bound_max());
-        self.tolerances.add([now, oldest], engine);
+        self.tolerances.add([now, oldest], stations);
         if now < self.next {
             return;
         }
@@ -135,7 +144,7 @@ impl Audit {
         let participant = |client| self.participant(now, client, clients, network);
         let participants: Vec<Participant<'_>> = clients.present().map(participant).collect();
         let tolerances = &self.tolerances;
-        let scene = Scene { now, all: &participants, clients, network, tolerances, engine };
+        let scene = Scene { now, all: &participants, clients, network, tolerances, stations };
         let look = |viewer| self.look_from(viewer, &scene);
         let findings: Vec<ViewerFindings> = participants.par_iter().map(look).collect();
         self.report.instants += 1;
@@ -205,6 +214,7 @@ impl Audit {
     fn add(&mut self, findings: &ViewerFindings) {
         let report = &mut self.report;
         report.pairs_visible += findings.visible;
+        report.pairs_abroad += findings.abroad;
         report.pairs_held += findings.held;
         report.pairs_foreseen += findings.foreseen;
         report.misses += findings.misses.len() as u64;
@@ -282,7 +292,11 @@ impl Audit {
 fn settling(options: &ReplayOptions) -> Duration {
     let (network, tick) = (&options.network, options.config.tick);
     let round_trip_max = options.round_trip + network.spread + network.drift;
-    let settling = 2 * (round_trip_max + network.jitter) + 4 * tick;
+    let mut settling = 2 * (round_trip_max + network.jitter) + 4 * tick;
+    if options.stations.count > 1 {
+        // Another station is told of a newcomer, and tells of its own, once it has been asked.
+        settling += 4 * (options.stations.longest_way() + tick);
+    }
     if network.loss > 0.0 {
         // The first reports after a join may be lost, and there were none before them.
         return settling + round_trip_max + 4 * tick;

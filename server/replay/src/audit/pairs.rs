@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use sightline_cli::pose_error::{ErrorsByDistance, PoseErrors};
 use sightline_client_core::replica::{BLEND, Replica, ShownAvatar};
-use sightline_engine::Engine;
 use sightline_visibility::rooms::SealedRooms;
 use sightline_world::motion::{AvatarId, Pose};
 
@@ -13,6 +12,7 @@ use super::{
         network::{AgeBound, SimulatedNetwork},
         report::{MissedAvatar, StalePosition},
         simulated_clients::SimulatedClients,
+        stations::Stations,
     },
     Audit, PAST_SPARE,
     freshness::{Past, Tolerances, Within},
@@ -54,13 +54,15 @@ pub(super) struct Scene<'a> {
     pub(super) clients: &'a SimulatedClients<'a>,
     pub(super) network: &'a SimulatedNetwork,
     pub(super) tolerances: &'a Tolerances,
-    pub(super) engine: &'a Engine,
+    pub(super) stations: &'a Stations,
 }
 
 /// What one viewer's pairs come to.
 #[derive(Default)]
 pub(super) struct ViewerFindings {
     pub(super) visible: u64,
+    /// Of those, how many are at another station.
+    pub(super) abroad: u64,
     pub(super) held: u64,
     pub(super) foreseen: u64,
     pub(super) misses: Vec<MissedAvatar>,
@@ -82,13 +84,17 @@ pub(super) struct ViewerFindings {
 #[derive(Clone, Copy)]
 struct Pair<'a> {
     now: Duration,
+    /// By how much more the avatar's position may be old, since it comes from another station.
+    bus: Duration,
+    /// Whether their stations have known each other for long enough.
+    is_linked: bool,
     viewer: &'a Participant<'a>,
     other: &'a Participant<'a>,
 }
 
 impl Pair<'_> {
     fn is_settled(&self) -> bool {
-        self.viewer.is_settled && self.other.is_settled
+        self.is_linked && self.viewer.is_settled && self.other.is_settled
     }
 
     fn is_late(&self) -> bool {
@@ -108,7 +114,16 @@ impl Audit {
         let others = scene.all.iter().enumerate().filter(|(_, o)| o.avatar != viewer.avatar);
         let shown = viewer.replica.shown_avatars(scene.now);
         for (place, other) in others {
-            let pair = Pair { now: scene.now, viewer, other };
+            let stations = scene.stations;
+            let is_abroad = !stations.are_together(viewer.avatar, other.avatar);
+            let linked = stations.linked_since(viewer.avatar, other.avatar);
+            let pair = Pair {
+                now: scene.now,
+                bus: if is_abroad { self.bus } else { Duration::ZERO },
+                is_linked: !is_abroad || linked.is_some_and(|at| at + self.linking <= scene.now),
+                viewer,
+                other,
+            };
             let held = shown.binary_search_by_key(&other.avatar, |shown| shown.id);
             let held = held.ok().and_then(|place| shown.get(place));
             let is_visible = self.is_visible(viewer, other);
@@ -128,6 +143,7 @@ impl Audit {
             }
             if pair.is_settled() {
                 findings.visible += u64::from(is_visible);
+                findings.abroad += u64::from(is_visible && is_abroad);
                 findings.held += u64::from(held.is_some());
                 let is_foreseen = held.is_some()
                     && (is_visible || self.look_ahead && self.can_come_into_sight(&pair));
@@ -165,9 +181,10 @@ impl ViewerFindings {
 
     /// Compares where an avatar is shown with where it was one delay and two ticks ago.
     fn compare_promise(&mut self, pair: &Pair<'_>, shown: &ShownAvatar, scene: &Scene<'_>) {
-        let Scene { now, clients, network, engine, .. } = scene;
+        let Scene { now, clients, network, .. } = scene;
         let avatar = pair.other.avatar;
-        let lag = network.delay(pair.viewer.avatar, avatar) + 2 * engine.config().tick;
+        let lag =
+            network.delay(pair.viewer.avatar, avatar) + 2 * scene.stations.first().config().tick;
         if let Some(promised) = clients.pose_at(avatar, now.saturating_sub(lag)) {
             let away_m = pair.viewer.pose.eye.distance(promised.eye);
             self.promised_errors.add(away_m, &shown.pose, &promised);
@@ -179,13 +196,14 @@ impl ViewerFindings {
         let other = pair.other;
         let AgeBound { age: bound, lost } =
             scene.network.age_bound(pair.now, pair.viewer.avatar, other.avatar);
+        let bound = bound + pair.bus;
         let since = pair.now.saturating_sub(bound);
         // Until what was lost comes again, the avatar is shown farther along its old course.
         let tolerance_m = scene.tolerances.largest_m(other.avatar, since);
-        let Scene { engine, .. } = scene;
+        let engine = scene.stations.engine_of(pair.viewer.avatar);
         // A client tells only at its next tick that its avatar departs: half a tick later in the
-        // mean, and a whole one where it stops dead just before. What jitter then makes late, to
-        // the server and to the viewer, is joined within a short while.
+        // mean, and a whole one where it stops dead just before. What jitter then makes late, to the
+        // server and to the viewer, is joined within a short while.
         let moved_since = since.saturating_sub(BLEND);
         let speed = other.past.speed_max(moved_since);
         let in_a_tick_m = speed * (engine.config().tick / 2).as_secs_f32();
@@ -202,7 +220,7 @@ impl ViewerFindings {
             Within::new(0.0, untold_m)
         };
         let age = other.past.age_within(shown.pose.eye, within);
-        // A place that it left longer ago is older than that.
+        // A place where it was not for so long is older than that.
         let age = age.unwrap_or(bound + PAST_SPARE);
         self.ages += 1;
         self.age_sum += age;

@@ -20,7 +20,7 @@ impl Run<'_> {
             self.note(now, output)?;
             let to = output.to();
             // A client that has left is sent nothing more, yet the message counts.
-            let mut absent = Outbound::new(to, self.engine.config().tick);
+            let mut absent = Outbound::new(to, self.engine().config().tick);
             let outbound = self.outbound.get_mut(&to).unwrap_or(&mut absent);
             if let Some(message) = outbound.convert(output, now) {
                 self.send(now, to, Payload::of(&message));
@@ -51,7 +51,9 @@ impl Run<'_> {
             }
             Output::Ask { to } => self.note_ask(now, *to)?,
             // For a client whose TBV was revealed, `Live` is an ask as well.
-            Output::Live { to, .. } if self.engine.state(*to) == Some(ReportingState::Asked) => {
+            Output::Live { to, .. }
+                if self.stations.engine_of(*to).state(*to) == Some(ReportingState::Asked) =>
+            {
                 self.note_ask(now, *to)?;
             }
             Output::Correct { .. } => self.statistics.corrections += 1,
@@ -68,7 +70,7 @@ impl Run<'_> {
     /// Sends every client's datagram, encoded on all cores, in ascending order of client. Even
     /// without new poses a client may get one, since lost ones are sent again.
     fn send_poses(&mut self, now: Duration) {
-        let tick = self.engine.ticks();
+        let tick = self.engine().ticks();
         let mut work: Vec<(AvatarId, &mut Outbound)> =
             self.outbound.iter_mut().map(|(to, outbound)| (*to, outbound)).collect();
         let encode = |(to, outbound): &mut (AvatarId, &mut Outbound)| {
