@@ -2,9 +2,10 @@
 //!
 //! What surrounds the body comes first: it can move only where all voxels are there. Then come the
 //! branches that the picture shows, coarse grades before fine ones and near branches before far
-//! ones. Nothing else is fetched before a picture was sharp. Then comes what may be seen from where
-//! the eye is, for when it turns; what may be seen from where it is going; and the rest, if it is
-//! wanted. Of what is far away, grades with voxels smaller than a pixel wait with the rest.
+//! ones. Nothing else is fetched before a picture was sharp. Then come the voxels around where the
+//! body is going; a coarse grade of what may be seen from where the eye is, for when it turns, and
+//! from where it is going; and the rest, if it is wanted. Of what is far away, grades with voxels
+//! smaller than a pixel wait with the rest.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -21,8 +22,13 @@ use sightline_world::{
 /// How far around the body voxels must be there, in metres.
 const AROUND_M: f32 = 0.5;
 
-/// Look-ahead times, in seconds: what may be seen from where the eye will be then is needed soon.
-const AHEAD_S: [f32; 3] = [1.0, 2.0, 4.0];
+/// The body is expected to be so far on its way soon, in seconds.
+const BODY_AHEAD_S: [f32; 3] = [0.5, 1.0, 2.0];
+/// So far on its way, in seconds, the eye may look around.
+const EYE_AHEAD_S: [f32; 3] = [0.0, 2.0, 4.0];
+/// Of what may be seen and is not shown yet, so many grades are fetched: they are a small part of all
+/// bytes, and what a picture shows for a moment only needs no more.
+const UNSHOWN_GRADES: u8 = 1;
 
 /// The share of the distance that counts: what is drawn at an edge of the picture is less deep.
 const DEPTH_SHARE: f32 = 0.9;
@@ -234,17 +240,28 @@ impl PieceFetcher {
         if !self.was_sharp {
             return self.in_order(&urgent, outlook.eye);
         }
-        let ahead = AHEAD_S.map(|seconds| outlook.eye + outlook.velocity * seconds);
         let is_moving = outlook.velocity.length_squared() > 0.0;
-        let places = ahead.iter().take(if is_moving { ahead.len() } else { 0 });
-        for (rank, place) in (2..).zip(std::iter::once(&outlook.eye).chain(places)) {
-            let mut note = |branch: usize| {
-                let away = self.distance(branch, *place);
-                urgent.note(branch, rank, self.grades_at(away * DEPTH_SHARE, outlook.focal));
+        let ahead = |seconds: f32| outlook.eye + outlook.velocity * seconds;
+        let ways = BODY_AHEAD_S.into_iter().filter(|_| is_moving);
+        for (rank, seconds) in (2..).zip(ways) {
+            let around = self.around(ahead(seconds));
+            let is_near = |branch: &usize| {
+                octree.bounds_of(*branch).is_some_and(|bounds| bounds.intersects(&around))
             };
-            match self.head.seen_from(*place) {
+            let near = (0..octree.branches()).filter(is_near);
+            near.for_each(|branch| urgent.note(branch, rank, octree.grades()));
+        }
+        let looks = EYE_AHEAD_S.into_iter().filter(|seconds| is_moving || *seconds == 0.0);
+        for (rank, seconds) in (10..).zip(looks) {
+            let place = ahead(seconds);
+            let mut note = |branch: usize| {
+                let away = self.distance(branch, place);
+                let grades = self.grades_at(away * DEPTH_SHARE, outlook.focal);
+                urgent.note(branch, rank, grades.min(UNSHOWN_GRADES));
+            };
+            match self.head.seen_from(place) {
                 Some(seen) => seen.iter().for_each(|branch| note(branch as usize)),
-                None if rank == 2 => (0..octree.branches()).for_each(note),
+                None if seconds == 0.0 => (0..octree.branches()).for_each(note),
                 None => {}
             }
         }
@@ -353,7 +370,31 @@ mod tests {
             fetcher.take(far * 3 + grade, pieces.pieces[far * 3 + grade].clone()).unwrap();
         }
         assert!(fetcher.is_sharp(&outlook) && !fetcher.octree().is_complete());
-        assert_eq!(fetcher.next(&outlook, 1 << 20).len(), 6, "the rest may be seen");
+        let coarse = fetcher.next(&outlook, 1 << 20);
+        assert!(coarse.len() == 2 && coarse.iter().all(|number| number % 3 == 0), "{coarse:?}");
+    }
+
+    #[test]
+    fn voxels_are_fetched_where_the_body_goes_and_all_in_the_end_if_that_is_wanted() {
+        let pieces = pieces();
+        let mut fetcher = fetcher(&pieces);
+        let branch_at = |x: f32, z: f32| fetcher.octree().branch_at(Vec3::new(x, 0.1, z)).unwrap();
+        let (ahead, others) = (branch_at(7.0, 1.0), [branch_at(1.0, 7.0), branch_at(7.0, 7.0)]);
+        let walks = Outlook { velocity: Vec3::X * 3.0, ..outlook(&[]) };
+        let mut take_all = |outlook: &Outlook<'_>| {
+            let next = fetcher.next(outlook, 1 << 20);
+            for number in &next {
+                fetcher.take(*number, pieces.pieces[*number].clone()).unwrap();
+            }
+            next
+        };
+        assert_eq!(take_all(&walks).len(), 3, "around the body");
+        let next: Vec<_> = take_all(&walks).iter().map(|number| (number / 3, number % 3)).collect();
+        let coarse = others.map(|branch| (branch, 0));
+        assert_eq!(next[..3], [(ahead, 0), (ahead, 1), (ahead, 2)]);
+        assert!(next.len() == 5 && coarse.iter().all(|piece| next.contains(piece)), "{next:?}");
+        assert!(take_all(&walks).is_empty());
+        assert_eq!(take_all(&Outlook { all: true, ..walks }).len(), 4);
     }
 
     #[test]

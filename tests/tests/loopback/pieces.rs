@@ -48,8 +48,17 @@ struct Eyes {
 
 impl Eyes {
     async fn join(server: &Server, address: std::net::SocketAddr, name: &str) -> Self {
+        Self::join_by(&Dialer::new(None), server, address, name).await
+    }
+
+    async fn join_by(
+        dialer: &Dialer,
+        server: &Server,
+        address: std::net::SocketAddr,
+        name: &str,
+    ) -> Self {
         let options = ConnectOptions { in_pieces: true, ..options(server, name, WEST) };
-        let session = Dialer::new(None).connect(address, &options).await.unwrap();
+        let session = dialer.connect(address, &options).await.unwrap();
         let building = session.building();
         let (frame, renderer) = (Frame::new(SIZE.0, SIZE.1), Renderer::default());
         Self { session, building, frame, renderer }
@@ -143,8 +152,33 @@ async fn what_was_asked_for_comes_however_the_link_breaks() {
     assert!(ada.building.is(&ada.session.world()), "it is the same building");
 }
 
-/// What a stranger gets on the stream for pieces that it opens with these bytes, until nothing
-/// comes for a while.
+#[tokio::test(flavor = "multi_thread")]
+async fn pieces_that_are_on_disk_are_not_fetched_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let (server, address) = serve_pieces(config()).await;
+    let mut fetched = Vec::new();
+    for _ in 0..2 {
+        let dialer = Dialer::new(Some(folder.path().to_owned()));
+        let mut ada = Eyes::join_by(&dialer, &server, address, "Ada").await;
+        assert!(ada.building.complete().is_none(), "the file is not kept");
+        until("all is here", || {
+            ada.look(true);
+            ada.building.complete().is_some()
+        })
+        .await;
+        let client = server.stats().clients[&ada.session.avatar().0];
+        fetched.push(client.traffic.world_bytes_out as usize);
+        ada.session.leave().await;
+        // What is stored beside may take a moment.
+        tokio::time::sleep(Duration::from_millis(300)).await;
+    }
+    let all = server.world().unwrap().pieces_bytes().unwrap();
+    // Equal pieces are fetched once.
+    assert!(fetched[0] > all / 2 && fetched[1] < all / 20, "{fetched:?} of {all}");
+}
+
+/// What a stranger gets on the stream for pieces that it opens with these bytes, until nothing comes
+/// for a while.
 async fn asks(stranger: &Stranger, bytes: &[u8]) -> Vec<u8> {
     let (mut send, mut receive) = stranger.connection.open_bi().await.unwrap();
     send.write_all(bytes).await.unwrap();

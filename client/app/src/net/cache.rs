@@ -11,6 +11,8 @@ use std::{
 
 use sightline_world::{ContentId, ReadError, World, content_id, write_whole};
 
+use super::piece_store::PieceStore;
+
 /// The most worlds on disk, and the most bytes of them together. The one that was used longest ago
 /// goes first.
 const FILES_MAX: usize = 32;
@@ -21,6 +23,8 @@ const BYTES_MAX: u64 = 4 << 30;
 pub(super) struct WorldCache {
     /// The folder of the files; `None` to keep worlds only in memory.
     folder: Option<PathBuf>,
+    /// Pieces on disk, beside the files.
+    pieces: Option<PieceStore>,
     /// The worlds in use, by content id.
     open: tokio::sync::Mutex<HashMap<[u8; 32], Weak<World>>>,
 }
@@ -28,7 +32,13 @@ pub(super) struct WorldCache {
 impl WorldCache {
     /// A cache in a folder, which is created when the first world arrives.
     pub fn new(folder: Option<PathBuf>) -> Self {
-        Self { folder, open: tokio::sync::Mutex::default() }
+        let pieces = folder.as_ref().map(|folder| PieceStore::new(folder.join("pieces")));
+        Self { folder, pieces, open: tokio::sync::Mutex::default() }
+    }
+
+    /// The pieces on disk; `None` where nothing is kept there.
+    pub fn pieces(&self) -> Option<&PieceStore> {
+        self.pieces.as_ref()
     }
 
     /// The world of an id, if it is in use or on disk.

@@ -12,6 +12,7 @@ mod dialer;
 mod download;
 mod error;
 mod passage;
+mod piece_store;
 mod piece_traffic;
 mod returning;
 mod session;

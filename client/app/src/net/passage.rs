@@ -102,10 +102,10 @@ async fn arrive(
         if let Some(world) = ways.cache.find(offer.id).await? {
             return Ok(ArrivedOffer { number, world, pieces: None });
         }
-        match fetch_head(connection, number, head).await {
+        match fetch_head(connection, number, head, ways.cache.pieces()).await {
             Ok((traffic, stream)) => {
                 let world = traffic.world.clone();
-                return Ok(ArrivedOffer { number, world, pieces: Some((traffic, Some(stream))) });
+                return Ok(ArrivedOffer { number, world, pieces: Some((traffic, stream)) });
             }
             Err(ConnectError::World(error)) => {
                 tracing::warn!(%error, "the world cannot be had in pieces: its file is fetched");

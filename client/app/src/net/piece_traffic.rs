@@ -21,6 +21,7 @@ use tokio::{
 use super::{
     cache::blocking,
     error::{ConnectError, lost},
+    piece_store::PieceStore,
 };
 
 /// The time within which a head must begin to arrive, and within which each chunk must.
@@ -39,6 +40,8 @@ pub(super) struct PieceTraffic {
     id: PieceId,
     /// The ids and lengths of the pieces.
     table: Vec<(PieceId, u32)>,
+    /// Where pieces are kept on disk.
+    store: Option<PieceStore>,
     waiting: Mutex<Waiting>,
     asked: Notify,
 }
@@ -55,11 +58,11 @@ struct Waiting {
 }
 
 impl PieceTraffic {
-    fn new(head: WorldHead, id: PieceId) -> Self {
+    fn new(head: WorldHead, id: PieceId, store: Option<PieceStore>) -> Self {
         let table = (0..head.pieces()).filter_map(|number| head.piece(number)).collect();
         let world = head.world.clone();
         let waiting = Mutex::new(Waiting { head: Some(head), ..Waiting::default() });
-        Self { world, id, table, waiting, asked: Notify::new() }
+        Self { world, id, table, store, waiting, asked: Notify::new() }
     }
 
     /// Whether these are the pieces that are offered by a head.
@@ -109,6 +112,34 @@ impl PieceTraffic {
                 }
             }
             self.asked.notified().await;
+        }
+    }
+
+    /// Takes in those pieces that are on disk. Returns the numbers of the others.
+    async fn take_kept(&self, numbers: Vec<u32>) -> Vec<u32> {
+        let Some(store) = self.store.clone() else { return numbers };
+        let id = |number: u32| self.table.get(number as usize).map(|(id, _)| (number, *id));
+        let wanted: Vec<(u32, PieceId)> = numbers.iter().filter_map(|number| id(*number)).collect();
+        let load = move || {
+            let piece = |(number, id)| (number, store.load(id));
+            Ok(wanted.into_iter().map(piece).collect::<Vec<_>>())
+        };
+        let Ok(looked) = blocking(load).await else { return numbers };
+        let mut missing = Vec::new();
+        for (number, piece) in looked {
+            let is_kept = piece.is_some_and(|piece| self.arrive(number, piece).is_ok());
+            if !is_kept {
+                missing.push(number);
+            }
+        }
+        missing
+    }
+
+    /// Keeps a piece on disk, beside the connection.
+    fn keep(&self, number: u32, piece: &[u8]) {
+        if let (Some(store), Some((id, _))) = (&self.store, self.table.get(number as usize)) {
+            let (store, id, piece) = (store.clone(), *id, piece.to_vec());
+            tokio::task::spawn_blocking(move || store.keep(id, &piece));
         }
     }
 
@@ -169,6 +200,7 @@ impl PieceStream {
         let ask = async {
             loop {
                 let numbers = traffic.next_numbers().await;
+                let numbers = traffic.take_kept(numbers).await;
                 if to.write_all(&requests(&numbers)).await.is_err() {
                     return StreamEnd::Ended;
                 }
@@ -186,6 +218,7 @@ impl PieceStream {
                 let Some(piece) = receive_bytes(&mut from, bytes).await else {
                     return StreamEnd::Ended;
                 };
+                traffic.keep(number, &piece);
                 if let Err(error) = traffic.arrive(number, piece) {
                     return StreamEnd::Faulty(error.into());
                 }
@@ -222,7 +255,7 @@ pub(super) async fn carry(
     }
 }
 
-/// Gets the head of an offered world, and the stream for its pieces.
+/// Gets the head of an offered world, from disk or by a stream for its pieces.
 ///
 /// # Errors
 /// When it does not come in time, or is none.
@@ -230,7 +263,20 @@ pub(super) async fn fetch_head(
     connection: &Connection,
     world: u32,
     offer: HeadOffer,
-) -> Result<(Arc<PieceTraffic>, PieceStream), ConnectError> {
+    store: Option<&PieceStore>,
+) -> Result<(Arc<PieceTraffic>, Option<PieceStream>), ConnectError> {
+    let id = PieceId(offer.id);
+    if let Some(kept) = store.cloned() {
+        let read = {
+            let kept = kept.clone();
+            blocking(move || kept.load(id).map(|head| WorldHead::read(&head)).transpose())
+        };
+        // Nobody waits for old ones to be removed.
+        tokio::task::spawn_blocking(move || kept.prune());
+        if let Ok(Some(head)) = read.await {
+            return Ok((Arc::new(PieceTraffic::new(head, id, store.cloned())), None));
+        }
+    }
     if offer.bytes > HEAD_BYTES_MAX {
         return Err(ConnectError::WorldTooLarge(offer.bytes.into()));
     }
@@ -244,12 +290,17 @@ pub(super) async fn fetch_head(
     let Some(head) = receive_bytes(&mut stream.from, offer.bytes).await else {
         return overtaken().await;
     };
-    let id = PieceId(offer.id);
-    let read = blocking(move || match PieceId::of(&head) == id {
-        true => WorldHead::read(&head),
-        false => Err(ReadError::Damaged),
+    let keeps = store.cloned();
+    let read = blocking(move || {
+        if PieceId::of(&head) != id {
+            return Err(ReadError::Damaged);
+        }
+        if let Some(store) = keeps {
+            store.keep(id, &head);
+        }
+        WorldHead::read(&head)
     });
-    Ok((Arc::new(PieceTraffic::new(read.await?, id)), stream))
+    Ok((Arc::new(PieceTraffic::new(read.await?, id, store.cloned())), Some(stream)))
 }
 
 /// The server ended the stream. If it is because it offers another world, that offer follows.
@@ -288,7 +339,7 @@ mod tests {
     async fn what_has_not_come_is_asked_for_again_on_the_next_stream() {
         let cut = pieces_of(&voxel_floor::world(&[]));
         let id = PieceId::of(&cut.head);
-        let traffic = PieceTraffic::new(WorldHead::read(&cut.head).unwrap(), id);
+        let traffic = PieceTraffic::new(WorldHead::read(&cut.head).unwrap(), id, None);
         assert!(traffic.is_of(&HeadOffer { id: id.0, bytes: 0 }));
         assert!(traffic.take_head().is_some() && traffic.take_head().is_none());
         traffic.ask(&[3, 1, 900]);
@@ -303,5 +354,26 @@ mod tests {
         traffic.begin();
         assert_eq!(traffic.next_numbers().await, [1, 2]);
         assert!(traffic.take_arrived().is_empty());
+    }
+
+    #[tokio::test]
+    async fn what_is_on_disk_is_not_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = PieceStore::new(folder.path().to_owned());
+        let cut = pieces_of(&voxel_floor::world(&[]));
+        let id = PieceId::of(&cut.head);
+        let head = WorldHead::read(&cut.head).unwrap();
+        let traffic = PieceTraffic::new(head, id, Some(store.clone()));
+        store.keep(PieceId::of(&cut.pieces[1]), &cut.pieces[1]);
+        traffic.ask(&[0, 1]);
+        let numbers = traffic.next_numbers().await;
+        assert_eq!(traffic.take_kept(numbers).await, [0]);
+        assert_eq!(traffic.take_arrived(), [(1, cut.pieces[1].clone())]);
+        traffic.keep(0, &cut.pieces[0]);
+        while store.load(PieceId::of(&cut.pieces[0])).is_none() {
+            sleep(Duration::from_millis(5)).await;
+        }
+        traffic.begin();
+        assert!(traffic.take_kept(traffic.next_numbers().await).await.is_empty());
     }
 }
