@@ -32,9 +32,9 @@ impl Acuity {
         Self::of(&world.body, (away_m / ACUITY_DISTANCES).clamp(finest_m, coarsest_m))
     }
 
-    /// The acuity of a viewer with a number of avatars around it, of one at a distance in metres. In
-    /// a crowd, what is far away may be shown less exactly: its rate falls, and not that of what is
-    /// near.
+    /// The acuity of a viewer with a number of avatars around it, of one at a distance in metres.
+    /// In a crowd, what is far away may be shown less exactly: its rate falls, and not that of what
+    /// is near.
     pub(crate) fn in_crowd(world: &World, away_m: f32, avatars: usize) -> Self {
         let Self { metres, radians } = Self::at(world, away_m);
         let share = (away_m - CROWD_FROM_M) / (CROWD_FULL_M - CROWD_FROM_M);

@@ -84,8 +84,8 @@ pub enum StationWord {
         /// The avatar.
         avatar: AvatarId,
     },
-    /// The sender wants every departure of the receiver's avatar reported, and a report now if there
-    /// was none while it stayed.
+    /// The sender wants every departure of the receiver's avatar reported, and a report now if
+    /// there was none while it stayed.
     Ask {
         /// The avatar.
         avatar: AvatarId,
@@ -186,8 +186,8 @@ pub struct GuestReport {
     pub orders: u32,
     /// The last accepted pose.
     pub pose: Pose,
-    /// When the client made the report of it, on the client's clock; `None` where the station itself
-    /// has put the avatar there.
+    /// When the client made the report of it, on the client's clock; `None` where the station
+    /// itself has put the avatar there.
     pub made: Option<Duration>,
     /// When it came in, on the station's clock.
     pub heard: Duration,

@@ -27,7 +27,7 @@ use crate::{
     worker_pool::{WorkerPool, Workspace},
 };
 
-/// For how long the report of a departure may be on its way when the host asks where an avatar is,
+/// The time that the report of a departure may be on its way when the host asks where an avatar is,
 /// in seconds.
 const ON_ITS_WAY_S: f32 = 0.25;
 /// The end of time: ten thousand years.
@@ -36,7 +36,7 @@ const NOW_MAX: Duration = Duration::from_secs(10_000 * 365 * 86_400);
 /// The most numbers of ticks that one call skips: an hour at 20 ticks a second.
 const SKIPPED_MAX: u32 = 72_000;
 
-/// Decides who is told of whom, and which client is asked when.
+/// Decides which avatars each client is told of, and which client is asked when.
 #[derive(Clone, Debug)]
 pub struct Engine {
     /// What never changes.
@@ -107,8 +107,8 @@ impl Engine {
     }
 
     /// The engine as a station with this name, which no other station on its bus has. What other
-    /// stations say comes by [`Engine::handle_station`]. Without any, an engine decides as one that is
-    /// no station.
+    /// stations say comes by [`Engine::handle_station`]. Without any, an engine decides as one that
+    /// is no station.
     pub fn as_station(self, station: StationId) -> Self {
         Self { stations: Stations::new(station), ..self }
     }
@@ -279,7 +279,8 @@ impl Engine {
     }
 
     /// Where an avatar's eye is, as far as its client has said: in its TBV, or else near where its
-    /// course has led it, up to a wall. It holds for the time of the last call. `None` when the avatar is not present.
+    /// course has led it, up to a wall. It holds for the time of the last call. `None` when the
+    /// avatar is not present.
     pub fn whereabouts(&self, avatar: AvatarId) -> Option<Tbv> {
         let known = self.population.find(avatar)?;
         let near_course = || {
@@ -298,8 +299,8 @@ impl Engine {
         self.population.find(avatar).map(|avatar| avatar.pose)
     }
 
-    /// When the last accepted pose of an avatar came in, on the clock of the station that the avatar
-    /// belongs to.
+    /// When the last accepted pose of an avatar came in, on the clock of the station that the
+    /// avatar belongs to.
     pub fn heard(&self, avatar: AvatarId) -> Option<Duration> {
         self.population.find(avatar).map(|avatar| avatar.heard)
     }

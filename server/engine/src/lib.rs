@@ -1,4 +1,5 @@
-//! The visibility engine: decides who is told of whom, and which client may be silent.
+//! The visibility engine: decides which avatars each client is told of, and which client may be
+//! silent.
 //!
 //! The engine is a pure state machine. It opens no socket, reads no clock and draws no random
 //! numbers, so the same calls give the same outputs, bit for bit. Times are measured from the start

@@ -11,7 +11,8 @@ use crate::{
     slot::{Member, Slot},
 };
 
-/// What a viewer has to do with an avatar. Kept with the viewer, by the avatar's id.
+/// The state of a viewer and an avatar that may see each other. Kept with the viewer, by the
+/// avatar's id.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pair {
     pub(crate) id: AvatarId,
@@ -20,9 +21,9 @@ pub(crate) struct Pair {
     pub(crate) concerns: bool,
     /// The viewer's client has been told of the avatar.
     pub(crate) is_held: bool,
-    /// Until that tick the client is not told that the avatar is out of sight.
+    /// The first tick at which the client may be told that the avatar is out of sight.
     pub(crate) held_until: u32,
-    /// The avatar's last accepted pose that has been told, or did not need to be.
+    /// The newest accepted pose of the avatar that need not be told any more.
     pub(crate) version: Generation,
     /// The course that was told last: the pose at a tick.
     pub(crate) told: Pose,
@@ -32,9 +33,9 @@ pub(crate) struct Pair {
     pub(crate) seen: Option<RegionVersions>,
     /// Gates, cells and rooms left it open between these regions.
     pub(crate) open: Option<RegionVersions>,
-    /// Before that tick gates and cells are not asked again.
+    /// The first tick at which gates and cells are asked again.
     pub(crate) gates_from: u32,
-    /// Before that tick regions with a large margin are not tried again.
+    /// The first tick at which regions with a large margin are tried again.
     pub(crate) margin_from: u32,
 }
 

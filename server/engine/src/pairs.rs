@@ -53,7 +53,7 @@ impl Certificate {
     }
 }
 
-/// What a viewer has to do with other avatars, by their ids.
+/// The pairs of a viewer, by the ids of the other avatars.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pairs {
     all: Vec<Pair>,
@@ -132,7 +132,7 @@ impl Pairs {
         self.all.retain(|pair| pair.concerns);
     }
 
-    /// Makes and ends pairs, so that the viewer has to do with just these avatars, which are by id.
+    /// Makes and ends pairs, so that the viewer is paired with just these avatars, which are by id.
     /// Pairs that the client still holds stay until the client is told.
     pub(crate) fn match_to(&mut self, found: Vec<Member>) {
         debug_assert!(found.is_sorted(), "pairs are by id");

@@ -81,8 +81,8 @@ pub(crate) struct Avatar {
     pub(crate) silence_from: Duration,
     /// Where the avatar can be, as the index of live or of hidden footprints has it.
     pub(crate) footprint: HiddenFootprint,
-    /// The box of eye positions that `footprint` was made for, in own axes; `None` while hidden, and
-    /// where no footprint was made for where the eye can be now.
+    /// The box of eye positions that `footprint` was made for, in own axes; `None` while hidden,
+    /// and where no footprint was made for where the eye can be now.
     pub(crate) footprint_box: Option<Aabb>,
     /// Where the eye of a live avatar can be until a hidden one that it reveals can be told of, in
     /// own axes.
@@ -100,7 +100,7 @@ pub(crate) struct Avatar {
     pub(crate) hidden_from: Duration,
     /// Where a hidden avatar was when it was hidden.
     pub(crate) hidden_at: Pose,
-    /// Where the avatar can be until the next tick's word stands; empty while hidden.
+    /// Where the avatar can be until the next tick takes effect; empty while hidden.
     pub(crate) regions: LiveRegions,
     /// Where policies that divide the world count the avatar.
     pub(crate) area: Area,

@@ -33,8 +33,8 @@ const LENGTH_MAX_M: f32 = 1e6;
 const LAG_MAX_US: i64 = 1 << 60;
 
 impl Engine {
-    /// Takes in what another station says. What comes of it is told at the next tick. A station that
-    /// says what cannot be true, or too much, is cut off, and its avatars leave.
+    /// Takes in what another station says. What comes of it is told at the next tick. A station
+    /// that says what cannot be true, or too much, is cut off, and its avatars leave.
     pub fn handle_station(&mut self, now: Duration, from: StationId, message: &StationMessage) {
         let now = self.advance(now);
         match self.stations.receive(now, from, self.config.bus_margin, message) {

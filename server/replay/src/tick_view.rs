@@ -107,8 +107,8 @@ impl<'a> TickView<'a> {
         self.last_reports.get(&avatar).map(|last| last.sampled)
     }
 
-    /// When the engine of a viewer's client takes the last report of an avatar to have arrived at the
-    /// avatar's own.
+    /// When the engine of a viewer's client takes the last report of an avatar to have arrived at
+    /// the avatar's own.
     pub fn last_report_by(&self, viewer: AvatarId, avatar: AvatarId) -> Option<Duration> {
         Some(self.report_by(viewer, avatar)?.heard)
     }

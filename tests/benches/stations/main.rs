@@ -6,8 +6,8 @@
 //!
 //! Visitors walk from room to room in a generated building, at 1.0 to 1.5 m/s, with a round trip of
 //! 100 ms. They are at any station, or at that of the part of the building in which they begin. CPU
-//! time is that of the engines alone. Messages on the bus stand beside those of stations that pass on
-//! every report to all others. Bytes are estimated.
+//! time is that of the engines alone. Messages on the bus stand beside those of stations that pass
+//! on every report to all others. Bytes are estimated.
 
 #[path = "../engine/crowd.rs"]
 mod crowd;

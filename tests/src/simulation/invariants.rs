@@ -27,8 +27,8 @@ const ROUNDING_M: f32 = 0.02;
 const COURSE_ROUNDING_M: f32 = 0.005;
 /// The number of ticks of a client from which the engine may count where it is.
 const COURSE_TICKS: u32 = 12;
-/// A station knows of another one's avatars, and of newcomers, after this time and some messages on the
-/// bus.
+/// A station knows of another one's avatars, and of newcomers, after this time and some messages on
+/// the bus.
 const KNOWN_AFTER: Duration = Duration::from_millis(1_500);
 /// The number of directions in which straight walks are tried.
 const DIRECTIONS: u16 = 16;
@@ -267,8 +267,8 @@ impl InvariantChecker {
         Some(holds(mean) || holds(truth.velocity))
     }
 
-    /// What a viewer's station knows of the avatars of others: those that may be in sight by the cells
-    /// that both are in, where they are on course or in which boxes, and who is silent.
+    /// What a viewer's station knows of the avatars of others: those that may be in sight by the
+    /// cells that both are in, where they are on course or in which boxes, and who is silent.
     fn check_guests(&mut self, moment: &TickView<'_>) {
         let cells = &self.world.cells;
         let all: Vec<(AvatarId, Option<CellId>)> = moment
@@ -312,8 +312,9 @@ impl InvariantChecker {
         }
     }
 
-    /// Whether a viewer's station must know an avatar of another one by now: both have been there for
-    /// long enough, their stations have heard each other for long enough, and no message is late.
+    /// Whether a viewer's station must know an avatar of another one by now: both have been there
+    /// for long enough, their stations have heard each other for long enough, and no message is
+    /// late.
     fn is_known_well(&self, moment: &TickView<'_>, viewer: AvatarId, id: AvatarId) -> bool {
         let settling = KNOWN_AFTER + 4 * self.bus;
         let linked = moment.linked_since(viewer, id);

@@ -9,7 +9,7 @@
 //!   holds that avatar, and its position is no older than promised.
 //! * [`InvariantChecker`] checks the rest: no message is about an avatar that the viewer cannot
 //!   come to see, none is sent while a TBV lasts, a TBV holds its avatar, the avatar is asked in
-//!   time, and who is silent is on course.
+//!   time, and silent clients are on course.
 //!
 //! Consequences of messages later than the engine allows for are excused, and counted.
 
@@ -147,13 +147,13 @@ impl Fault {
             // had ruled out. Only what cells rule out too is found: in every fourth seed or so.
             Self::WideRegions => 0.1,
             Self::Station(StationFault::BusIgnored) => 0.5,
-            // In buildings this small most sectors see each other, so that hardly any is new, and two
-            // that are both hidden from each other are rare.
+            // In buildings this small most sectors see each other, so that hardly any is new, and
+            // two that are both hidden from each other are rare.
             Self::Station(StationFault::LateSubscription) => 0.02,
             Self::Station(StationFault::SilenceUnasked) => 0.1,
             Self::Station(StationFault::LeavingUnsaid) => 0.3,
-            // A fault changes what happens before, so that the chance to act may not come about, and
-            // what follows from a lost message is excused.
+            // A fault changes what happens before, so that the chance to act may not come about,
+            // and what follows from a lost message is excused.
             _ => 0.9,
         }
     }
@@ -303,8 +303,8 @@ pub fn run(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
     simulate(seed, pool, fault, &trace, &options, jump_chance)
 }
 
-/// Runs the simulation of a seed with several stations: 1 to 16, with 1 to 32 visitors, a bus that is
-/// slow and uneven, and stations that stop or lose each other.
+/// Runs the simulation of a seed with several stations: 1 to 16, with 1 to 32 visitors, a bus that
+/// is slow and uneven, and stations that stop or lose each other.
 pub fn run_stations(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
     let building = pool.of(seed);
     let mut rng = SmallRng::seed_from_u64(seed ^ STATIONS_SALT);

@@ -35,8 +35,8 @@ impl BoxCells {
         Self { boxes }
     }
 
-    /// The cell of a point in own axes, which is probably in a certain cell or in another one of its
-    /// space; `None` in something solid.
+    /// The cell of a point in own axes, which is probably in a certain cell or in another one of
+    /// its space; `None` in something solid.
     pub(crate) fn at(&self, cells: &Cells, point: Vec3, likely: Option<CellId>) -> Option<CellId> {
         // As in the tree, a point on a boundary is on the greater side.
         let is_in = |cell: &CellId| {

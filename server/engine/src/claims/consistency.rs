@@ -70,9 +70,9 @@ pub(crate) struct ClaimConsistency {
 }
 
 impl ClaimConsistency {
-    /// Checks an accepted claim against earlier ones, and against where the client's silence has put
-    /// it, and keeps it. The time between two claims may differ by `slack` from the time between
-    /// their arrivals, lateness apart.
+    /// Checks an accepted claim against earlier ones, and against where the client's silence has
+    /// put it, and keeps it. The time between two claims may differ by `slack` from the time
+    /// between their arrivals, lateness apart.
     pub(crate) fn check(
         &mut self,
         Arrival { now, late }: Arrival,

@@ -31,10 +31,10 @@ const THREADS_MAX: usize = 64;
 /// least a millisecond, and the horizon is at most ten seconds. NaN counts as the default.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
-    /// Who is told of whom.
+    /// Which avatars each client is told of.
     pub policy: Policy,
-    /// The time between two calls of [`Engine::tick`](crate::Engine::tick), and between two ticks of
-    /// a client, at each of which it may report.
+    /// The time between two calls of [`Engine::tick`](crate::Engine::tick), and between two ticks
+    /// of a client, at each of which it may report.
     pub tick: Duration,
     /// How long a TBV is made to last.
     pub validity: Validity,

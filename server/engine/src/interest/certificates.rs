@@ -2,8 +2,9 @@
 //!
 //! A pair is looked at when its certificate ends, and not before. The certificate of a hidden pair
 //! ends with the cached regions for which it was proved. An open pair is looked at again after an
-//! interval, and when there is news of the avatar. A tick compares the certificates of all pairs with what they rest on. That
-//! is a few nanoseconds for each, less than a queue of deadlines would cost.
+//! interval, and when there is news of the avatar. A tick compares the certificates of all pairs
+//! with what they rest on. That is a few nanoseconds for each, less than a queue of deadlines would
+//! cost.
 
 use sightline_world::motion::AvatarId;
 

@@ -29,7 +29,7 @@ pub struct Explanation {
     pub avatar_tbv: Option<Tbv>,
     /// Whether the viewer's client has been told of the avatar.
     pub is_held: bool,
-    /// Where the viewer's eye can be until the next tick's word stands; nowhere while it is hidden.
+    /// Where the viewer's eye can be until the next tick takes effect; nowhere while it is hidden.
     pub eyes: Vec<Aabb>,
     /// Where the avatar's body can be until then; nowhere while it is hidden.
     pub bodies: Vec<Aabb>,

@@ -112,7 +112,8 @@ impl Notifier<'_> {
             let wanted = pair.concerns && agrees && (!is_hidden || is_kept);
             let mut tell = u32::MAX;
             match (pair.is_held, wanted) {
-                // A viewer is told nothing of an avatar that it merely keeps, not even that it moved.
+                // A viewer is told nothing of an avatar that it merely keeps, not even that it
+                // moved.
                 (true, true) if !is_hidden && avatar.version != pair.version => {
                     match ticks_until_it_tells(view, viewer, avatar, pair, crowd) {
                         0 => {
@@ -145,8 +146,8 @@ impl Notifier<'_> {
 }
 
 /// After how many ticks a viewer could tell an avatar's course from the one that it was told last,
-/// at the soonest. Zero means that it can by now. `crowd` is the number of avatars that the viewer has
-/// to do with.
+/// at the soonest. Zero means that it can by now. `crowd` is the number of avatars that the viewer
+/// has to do with.
 fn ticks_until_it_tells(
     view: View<'_>,
     viewer: &LiveAvatar<'_>,
@@ -192,7 +193,7 @@ fn note_told(view: View<'_>, avatar: &LiveAvatar<'_>, pair: &mut Pair) {
     (pair.told, pair.told_tick) = (avatar.shown, view.tick);
 }
 
-/// Of whom a viewer is told under a policy that knows no walls.
+/// The avatars that a viewer is told of under a policy that knows no walls.
 fn told_without_cells(
     view: View<'_>,
     live: &LiveAvatars<'_>,

@@ -23,17 +23,18 @@ use crate::{
     worker_pool::{WorkerPool, Workspace},
 };
 
-/// Ticks before a pair that could not be decided is tested again. Where tests cost much, each further
-/// try waits twice as long.
+/// Ticks before a pair that could not be decided is tested again. Where tests cost much, each
+/// further try waits twice as long.
 const UNDECIDED_TICKS: u32 = 8;
-/// With many pairs, it waits for at least this number of [intervals](Facts::interval).
+/// The least wait before a pair that could not be decided is tested again, in
+/// [intervals](Facts::interval).
 const INTERVALS: u32 = 4;
-/// The most doublings of that wait.
+/// The most doublings of the wait of a pair that could not be decided.
 const WAITS_MAX: u32 = 3;
 /// The tests of a tick cost much when they cost more than the budget divided by this number. The
 /// first test of a pair may then cost less, since most pairs that can be decided are decided soon.
 const MUCH_PARTS: u32 = 4;
-/// The same for crowds, where the many pairs cost enough by themselves.
+/// As [`MUCH_PARTS`], for crowds, where the many pairs cost enough by themselves.
 const MUCH_PARTS_CROWDED: u32 = 32;
 /// It is crowded when the number of pairs is such that an open one waits for this many ticks before
 /// it is looked at again.
@@ -274,8 +275,8 @@ impl SightTests<'_> {
         !matches!(pair.sight, SightResult::Undecided { again, .. } if self.view.tick < again)
     }
 
-    /// Makes sure that a viewer may be told news of an avatar, if the two are not tested at this tick.
-    /// No viewer is told of an avatar that cells hide, whatever the load.
+    /// Makes sure that a viewer may be told news of an avatar, if the two are not tested at this
+    /// tick. No viewer is told of an avatar that cells hide, whatever the load.
     fn check_cells(
         &self,
         workspace: &mut Workspace,
@@ -457,8 +458,8 @@ impl SightTests<'_> {
         Some(result)
     }
 
-    /// Tests the regions of a pair at this tick, without a margin. In a crowd, places that a body can
-    /// get to only within a small margin may count as well.
+    /// Tests the regions of a pair at this tick, without a margin. In a crowd, places that a body
+    /// can get to only within a small margin may count as well.
     fn test_exact(
         &self,
         workspace: &mut Workspace,

@@ -27,7 +27,7 @@ pub(super) fn is_in_turn(slot: Slot, round: u32) -> bool {
 }
 
 /// The order of avatars in a snapshot: by the space that each was in a tick ago, then by id.
-/// Neighbours have to do with the same others and the same gates, so they share caches.
+/// Neighbours are paired with the same avatars and use the same gates, so they share caches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct SortKey {
     pub(super) space: Option<u32>,

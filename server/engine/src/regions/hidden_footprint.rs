@@ -69,7 +69,8 @@ impl HiddenFootprint {
         }
     }
 
-    /// Whether, by sectors, an eye here may see a body in another footprint, or the other way round.
+    /// Whether, by sectors, an eye here may see a body in another footprint, or the other way
+    /// round.
     pub(crate) fn meets(&self, other: &Self, sectors: &Sectors) -> bool {
         let Occupied { eyes, bodies } = &self.sectors;
         sectors.any_sees(eyes, &other.sectors.bodies)

@@ -127,8 +127,8 @@ impl OccupantIndex {
         found.extend(self.eyes.among(seeing_bodies));
     }
 
-    /// Adds the avatars that, by sectors, may be seen from somewhere in these, or see it. The PVS is
-    /// symmetric.
+    /// Adds the avatars that, by sectors, may be seen from somewhere in these, or see it. The PVS
+    /// is symmetric.
     pub(crate) fn meeting_sectors(
         &self,
         sectors: &Sectors,

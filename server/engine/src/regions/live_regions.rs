@@ -1,4 +1,4 @@
-//! Live regions: where a live avatar can be until the next tick's word stands.
+//! Live regions: where a live avatar can be until the next tick takes effect.
 
 use std::{sync::OnceLock, time::Duration};
 
@@ -298,8 +298,8 @@ impl LiveRegions {
         self.get(kind).map_or(Aabb::EMPTY, |region| region.bounds(kind, body))
     }
 
-    /// Where a predicted line to a region ends, if the avatar goes on as it does: near the side that
-    /// it moves towards.
+    /// Where a predicted line to a region ends, if the avatar goes on as it does: near the side
+    /// that it moves towards.
     pub(crate) fn heading(
         &self,
         building: &Building,

@@ -1,5 +1,5 @@
-//! Silence among several stations: avatars of other stations that stay in a box here, and avatars of
-//! this one that others must agree to.
+//! Silence among several stations: avatars of other stations that stay in a box here, and avatars
+//! of this one that others must agree to.
 
 use sightline_world::motion::{ReportingState, Tbv};
 
@@ -28,8 +28,8 @@ impl Silencing<'_> {
         stations.allow(&avatar.relays, &footprint.sectors.bodies, &seen, &stay)
     }
 
-    /// Takes in that an avatar of another station that has just been announced stays in a box. If it
-    /// may be seen there, that station is asked for it.
+    /// Takes in that an avatar of another station that has just been announced stays in a box. If
+    /// it may be seen there, that station is asked for it.
     pub(crate) fn let_stay(&mut self, slot: Slot, stay: &Stay) {
         let building = self.view.building;
         let start = self.population.at(slot).motion(self.view).start(building);
@@ -54,9 +54,9 @@ impl Silencing<'_> {
         self.pending.append(&mut outputs);
     }
 
-    /// Takes in a report of another station of one of its avatars, which has heard so many orders. One
-    /// that stayed has left its box, or an ask is answered. If the order to stay was still on its
-    /// way, the other station looks into it when that comes.
+    /// Takes in a report of another station of one of its avatars, which has heard so many orders.
+    /// One that stayed has left its box, or an ask is answered. If the order to stay was still on
+    /// its way, the other station looks into it when that comes.
     pub(crate) fn hear_guest(&mut self, slot: Slot, orders: u32) {
         let avatar = self.population.at(slot);
         if avatar.state != ReportingState::Live && avatar.orders.are_heard(orders) {

@@ -208,8 +208,8 @@ impl Stations {
     }
 
     /// Whether an avatar that others have been told of so may be silent where its body can be in
-    /// these sectors, in a certain box, and may see those sectors. Whoever may see it must have agreed, and whom
-    /// it may see must be known.
+    /// these sectors, in a certain box, and may see those sectors. Whoever may see it must have
+    /// agreed, and whom it may see must be known.
     pub(crate) fn allow(
         &self,
         relays: &[Relay],

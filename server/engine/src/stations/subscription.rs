@@ -9,8 +9,8 @@ use sightline_world::motion::AvatarId;
 
 use crate::{bit_set::BitSet, generation::Generation};
 
-/// A sector that nobody may see any more is given up at one of the moments that are so far apart. So
-/// people who go to and fro cost nothing.
+/// A sector that nobody may see any more is given up at one of the moments that are so far apart.
+/// So people who go to and fro cost nothing.
 const GIVE_UP_AFTER: Duration = Duration::from_secs(2);
 
 /// What of its subscription a station tells the others.
@@ -26,7 +26,8 @@ pub(crate) struct Change {
 pub(crate) struct Subscription {
     /// How many avatars may see each sector.
     seen: BTreeMap<u32, u32>,
-    /// The sectors that each avatar may see, and the version of the footprint that they follow from.
+    /// The sectors that each avatar may see, and the version of the footprint that they follow
+    /// from.
     by_avatar: BTreeMap<AvatarId, (Generation, Vec<u32>)>,
     all: BitSet,
     /// The sectors of which all others have said who may be there.

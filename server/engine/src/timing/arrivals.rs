@@ -166,8 +166,8 @@ impl Arrivals {
         Duration::from_micros(after_us.max(0).unsigned_abs())
     }
 
-    /// By how much a report that was made at `made` and arrives now is later than the fastest of the
-    /// last ones.
+    /// By how much a report that was made at `made` and arrives now is later than the fastest of
+    /// the last ones.
     pub(crate) fn lateness(&self, now: Duration, made: Duration) -> Duration {
         if self.reports.is_empty() {
             return Duration::ZERO;

@@ -86,8 +86,8 @@ impl Horizons {
     }
 
     /// How much longer than its reveal horizon an avatar's footprint must hold, so that word of who
-    /// may see it, or be seen, comes from other stations in time: a subscription and its answer, and a
-    /// tick of both stations.
+    /// may see it, or be seen, comes from other stations in time: a subscription and its answer,
+    /// and a tick of both stations.
     pub(crate) fn subscription_time(&self) -> Duration {
         self.abroad.map_or(Duration::ZERO, |abroad| 2 * (abroad.bus + self.tick))
     }
@@ -97,8 +97,8 @@ impl Horizons {
         [self.own_round_trip_max(), self.own_silent_max()]
     }
 
-    /// The round trip of an avatar of another station, whose client's own is given. An order may wait
-    /// there for a tick.
+    /// The round trip of an avatar of another station, whose client's own is given. An order may
+    /// wait there for a tick.
     pub(crate) fn guest_round_trip(&self, round_trip: Duration, bus: Duration) -> Duration {
         round_trip + 2 * bus + self.tick
     }
@@ -161,7 +161,7 @@ impl Horizons {
     }
 
     /// How long a live avatar's region must hold after the avatar was last known to be somewhere:
-    /// until the next tick's word stands at a viewer with this delay.
+    /// until the next tick takes effect at a viewer with this delay.
     pub(crate) fn live_horizon(&self, age: Duration, delay: Duration) -> Duration {
         age.min(self.cap) + self.tick + delay
     }
@@ -188,7 +188,8 @@ impl Horizons {
         self.answer_time(link) + abroad
     }
 
-    /// The time from an ask until what follows from its answer stands at all viewers of this station.
+    /// The time from an ask until what follows from its answer stands at all viewers of this
+    /// station.
     fn answer_time(&self, link: Link) -> Duration {
         let told = 2 * link.round_trip.min(self.cap) + self.one_way_max() + 2 * self.tick;
         told + link.margin

@@ -202,8 +202,8 @@ impl ViewerFindings {
         let tolerance_m = scene.tolerances.largest_m(other.avatar, since);
         let engine = scene.stations.engine_of(pair.viewer.avatar);
         // A client tells only at its next tick that its avatar departs: half a tick later in the
-        // mean, and a whole one where it stops dead just before. What jitter then makes late, to the
-        // server and to the viewer, is joined within a short while.
+        // mean, and a whole one where it stops dead just before. What jitter then makes late, to
+        // the server and to the viewer, is joined within a short while.
         let moved_since = since.saturating_sub(BLEND);
         let speed = other.past.speed_max(moved_since);
         let in_a_tick_m = speed * (engine.config().tick / 2).as_secs_f32();
