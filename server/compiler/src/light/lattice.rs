@@ -104,12 +104,6 @@ impl Lattice {
         row.start + (column.clamp(first, last.max(first)) - first) as usize
     }
 
-    /// The number of columns in the longest row, and the number of rows.
-    pub(super) fn size(&self) -> [usize; 2] {
-        let columns = self.rows.iter().map(|row| row.columns.clone().count()).max();
-        [columns.unwrap_or(0), self.rows.len()]
-    }
-
     /// Each point with its column and row, in the order of their indices.
     pub(super) fn points(&self) -> impl Iterator<Item = (i32, i32)> {
         let row = |(row, at): (i32, &Row)| at.columns.clone().map(move |column| (column, row));

@@ -96,11 +96,6 @@ impl Varying {
         self.lattice.points()
     }
 
-    /// The number of columns in the longest row, and the number of rows.
-    pub(super) fn size(&self) -> [usize; 2] {
-        self.lattice.size()
-    }
-
     /// The next point in the row of a point when nothing lies between them.
     pub(super) fn next_along(&self, index: usize, (column, row): (i32, i32)) -> Option<usize> {
         let next = self.lattice.index(column + 1, row);

@@ -7,12 +7,9 @@ use sightline_world::tolerance::RAY_LIFT_M;
 use super::{Surroundings, sampling::cosine_direction};
 use crate::light::{patch::Spread, varying::Varying};
 
-/// The mean over neighbours is taken anew until a point's light comes from about this many rays …
-const RAYS_IN_MEAN: usize = 2_400;
-/// … but no more often than this.
-const MEANS_MAX: usize = 4;
-/// A patch with fewer rows or columns than this is a strip.
-const STRIP: usize = 3;
+/// Neighbouring points use this many different patterns of rays each way. The mean over as many
+/// neighbours has all of them.
+const PATTERNS: i32 = 3;
 
 /// The light at all points, by this many rays from each. None inside something solid. The whole is
 /// None when `go_on` says so.
@@ -42,83 +39,10 @@ pub(super) fn gather(
     for (index, patch) in around.patches.iter().enumerate() {
         if let Spread::Varying(varying) = &patch.spread {
             let points = around.nodes.first[index]..around.nodes.first[index + 1];
-            let window = Window::of(varying);
-            for _ in 0..window.means(rays) {
-                window.smooth(varying, &mut light[points.clone()]);
-            }
+            smooth(varying, &mut light[points]);
         }
     }
     Some(light)
-}
-
-/// The neighbours whose mean a point takes. They use as many different patterns of rays, so that
-/// the mean has all of them.
-#[derive(Clone, Copy)]
-struct Window {
-    /// How far it reaches along rows and across them, in points on each side.
-    reach: [usize; 2],
-}
-
-impl Window {
-    /// The window of a patch. On a strip, such as a facet of a round column, it is as large as
-    /// elsewhere and lies lengthwise.
-    fn of(varying: &Varying) -> Self {
-        let [columns, rows] = varying.size();
-        let reach = match (columns < STRIP, rows < STRIP) {
-            (true, _) => [0, 4],
-            (false, true) => [4, 0],
-            (false, false) => [1, 1],
-        };
-        Self { reach }
-    }
-
-    /// How many points it has each way.
-    fn widths(self) -> [usize; 2] {
-        self.reach.map(|reach| 2 * reach + 1)
-    }
-
-    /// How the rays of a point are turned, from 0 to 1.
-    fn turn(self, (column, row): (i32, i32)) -> f32 {
-        let [along, across] = self.widths().map(|width| width as i32);
-        let pattern = column.rem_euclid(along) + along * row.rem_euclid(across);
-        pattern as f32 / (along * across) as f32
-    }
-
-    /// How often the mean is taken when each point has this many rays.
-    fn means(self, rays: usize) -> usize {
-        let [along, across] = self.widths();
-        RAYS_IN_MEAN.div_ceil(rays * along * across).min(MEANS_MAX)
-    }
-
-    /// Gives each point the mean along its row, and then across rows. What is averaged reaches
-    /// equally far to both sides, and not across walls: light falls towards an edge.
-    fn smooth(self, varying: &Varying, light: &mut [Option<Vec3>]) {
-        let places: Vec<(i32, i32)> = varying.places().collect();
-        type Next = fn(&Varying, usize, (i32, i32)) -> Option<usize>;
-        let ways = [Varying::next_along as Next, Varying::next_across as Next];
-        for (next, reach) in ways.into_iter().zip(self.reach) {
-            let ahead: Vec<Option<usize>> =
-                places.iter().enumerate().map(|(at, place)| next(varying, at, *place)).collect();
-            let mut behind = vec![None; places.len()];
-            for (at, next) in ahead.iter().enumerate() {
-                if let Some(next) = next {
-                    behind[*next] = Some(at);
-                }
-            }
-            let known = light.to_vec();
-            for (at, of) in light.iter_mut().enumerate() {
-                let Some(mut sum) = *of else { continue };
-                let (mut before, mut after, mut count) = (at, at, 1);
-                for _ in 0..reach {
-                    let Some((b, a)) = behind[before].zip(ahead[after]) else { break };
-                    let Some((light_before, light_after)) = known[b].zip(known[a]) else { break };
-                    sum += light_before + light_after;
-                    (before, after, count) = (b, a, count + 2);
-                }
-                *of = Some(sum / count as f32);
-            }
-        }
-    }
 }
 
 /// How the rays of each point are turned, from 0 to 1.
@@ -127,10 +51,10 @@ fn turns(around: &Surroundings<'_>) -> Vec<f32> {
     for patch in around.patches {
         match &patch.spread {
             Spread::Even { .. } => turns.push(0.0),
-            Spread::Varying(varying) => {
-                let window = Window::of(varying);
-                turns.extend(varying.places().map(|place| window.turn(place)));
-            }
+            Spread::Varying(varying) => turns.extend(varying.places().map(|(column, row)| {
+                let pattern = column.rem_euclid(PATTERNS) + PATTERNS * row.rem_euclid(PATTERNS);
+                pattern as f32 / (PATTERNS * PATTERNS) as f32
+            })),
         }
     }
     turns
@@ -159,4 +83,30 @@ fn arriving(
         light * end.tint
     };
     (0..rays).map(ray).sum::<Vec3>() / rays as f32
+}
+
+/// Takes the mean of each point and its two neighbours in its row, and then across rows. A point
+/// without a neighbour on one side stays as it is: light there falls towards an edge.
+fn smooth(varying: &Varying, light: &mut [Option<Vec3>]) {
+    let places: Vec<(i32, i32)> = varying.places().collect();
+    type Next = fn(&Varying, usize, (i32, i32)) -> Option<usize>;
+    for next in [Varying::next_along as Next, Varying::next_across as Next] {
+        let ahead: Vec<Option<usize>> =
+            places.iter().enumerate().map(|(at, place)| next(varying, at, *place)).collect();
+        let mut behind = vec![None; places.len()];
+        for (at, next) in ahead.iter().enumerate() {
+            if let Some(next) = next {
+                behind[*next] = Some(at);
+            }
+        }
+        let known = light.to_vec();
+        for (at, of) in light.iter_mut().enumerate() {
+            let get = |beside: Option<usize>| beside.and_then(|beside| known[beside]);
+            if let (Some(before), Some(here), Some(after)) =
+                (get(behind[at]), known[at], get(ahead[at]))
+            {
+                *of = Some((before + here + after) / 3.0);
+            }
+        }
+    }
 }
