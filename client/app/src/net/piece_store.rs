@@ -12,7 +12,7 @@ use sightline_world::PieceId;
 /// removed.
 const BYTES_MAX: u64 = 1 << 30;
 
-/// A folder of pieces. What is damaged counts as missing.
+/// A folder of pieces. Damaged files count as missing.
 #[derive(Clone, Debug)]
 pub(super) struct PieceStore {
     folder: PathBuf,

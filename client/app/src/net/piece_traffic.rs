@@ -317,7 +317,8 @@ async fn receive_before(from: &mut RecvStream) -> Option<(u32, u32)> {
     Some(read_before_piece(before))
 }
 
-/// So many bytes; `None` when the stream ends before, or stops. Memory grows with what arrives.
+/// Receives a number of bytes; `None` when the stream ends before, or stops. Memory grows with what
+/// arrives.
 async fn receive_bytes(from: &mut RecvStream, bytes: u32) -> Option<Vec<u8>> {
     let all = bytes as usize;
     let mut received = Vec::new();

@@ -66,7 +66,7 @@ impl ServedPieces {
     }
 }
 
-/// Cuts each world that is offered, one at a time, if its file has at least so many bytes. Until a
+/// Cuts each world that is offered, one at a time, if its file has at least `from_bytes`. Until a
 /// world is cut, clients that come get its file.
 pub async fn cut_offered(mut offers: watch::Receiver<Option<WorldOffer>>, from_bytes: u64) {
     offers.mark_changed();

@@ -31,8 +31,8 @@ pub(super) fn is_fallback(buffer: &gltf::Buffer<'_>) -> bool {
 }
 
 /// The bytes of each view that is compressed, by its index. Views that cannot be decompressed have
-/// none, and what needs them is left out. What is decompressed is taken from the bytes that are
-/// `left`. None when they do not suffice.
+/// none, and what needs them is left out. All of them together may have
+/// `left` bytes. None when that does not suffice.
 pub(super) fn decompressed(
     document: &Document,
     buffers: &[Vec<u8>],

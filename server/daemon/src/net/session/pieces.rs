@@ -40,9 +40,9 @@ struct Given {
 }
 
 impl Given {
-    /// Whether so many bytes of a world may be given now, which has so many in all. All of it may
-    /// be given at once, and then as many in a second as the limit says: who drops some needs them
-    /// again.
+    /// Whether this number of bytes of a world of `all` bytes may be given now. All of it may be
+    /// given at once, and then as many bytes in a second as the limit says: a client that drops
+    /// some needs them again.
     fn may_take(&self, world: u32, bytes: usize, all: usize, per_s: u32, now: Duration) -> bool {
         let mut budget = self.budget.lock().unwrap_or_else(PoisonError::into_inner);
         if budget.as_ref().is_none_or(|(of, _)| *of != world) {
@@ -137,7 +137,7 @@ impl Session<'_> {
         }
     }
 
-    /// Waits until the client may be given so many bytes of all of a world.
+    /// Waits until the client may be given `bytes` of a world that has `all`.
     async fn wait_for(&self, given: &Given, world: u32, [bytes, all]: [usize; 2]) {
         let per_s = self.state.config.limits.piece_bytes_per_s;
         let mut is_counted = false;
