@@ -7,7 +7,7 @@
 use std::{collections::VecDeque, sync::Arc, time::Duration};
 
 use sightline_protocol::{
-    message::{ClientMessage, HeadOffer, ServerMessage},
+    message::{ClientMessage, HeadOffer, STATIONS_TOLD_MAX, ServerMessage, StationAddress},
     text::Name,
 };
 use sightline_world::{
@@ -79,6 +79,8 @@ pub struct Presence {
     /// Where the client was when it was told of the world that it enters now.
     moves_from: Option<Pose>,
     events: VecDeque<Event>,
+    /// Where the client may go when its server is lost.
+    stations: Vec<StationAddress>,
 }
 
 impl Presence {
@@ -94,6 +96,7 @@ impl Presence {
             own_motion: OwnMotion::default(),
             moves_from: None,
             events: VecDeque::new(),
+            stations: Vec::new(),
         }
     }
 
@@ -110,6 +113,11 @@ impl Presence {
     /// How often the link broke and the client came back.
     pub fn returns(&self) -> u32 {
         self.returns
+    }
+
+    /// Other servers of the building, to which the client may go when its own is lost.
+    pub fn stations(&self) -> &[StationAddress] {
+        &self.stations
     }
 
     /// The events since the last call, oldest first.
@@ -181,6 +189,11 @@ impl Presence {
             self.stand(now, Link::MovingOver);
             let offer = WorldOffer { number, id: ContentId(id), bytes, head };
             return Ok((Heard::World(offer), None));
+        }
+        if let ServerMessage::Stations { mut others } = message {
+            others.truncate(STATIONS_TOLD_MAX);
+            self.stations = others;
+            return Ok((Heard::Nothing, None));
         }
         let heard = match &message {
             ServerMessage::Goodbye { reason, may_return } => {
@@ -266,6 +279,7 @@ impl Presence {
 mod tests {
     use glam::Vec3;
     use sightline_fixtures::voxel_floor;
+    use sightline_protocol::fingerprint::Fingerprint;
 
     use super::*;
 
@@ -294,6 +308,24 @@ mod tests {
         assert_eq!((presence.link(), presence.returns()), (&Link::Present, 1));
         let events = presence.take_events();
         assert!(matches!(events[..], [_, Event::Entered(pose)] if pose.yaw == 2.0), "{events:?}");
+    }
+
+    #[test]
+    fn the_last_list_of_stations_counts_and_is_bounded() {
+        let world = Arc::new(voxel_floor::world(&[]));
+        let mut presence = Presence::new(AvatarId(1), TICK, world, Name::new("Ada").unwrap());
+        let others = |ports: std::ops::Range<u16>| -> Vec<StationAddress> {
+            let at = |port| StationAddress {
+                address: ([127, 0, 0, 1], port).into(),
+                fingerprint: Fingerprint([7; 32]),
+            };
+            ports.map(at).collect()
+        };
+        for ports in [1..3, 5..5 + 2 * STATIONS_TOLD_MAX as u16] {
+            let heard = presence.hear(TICK, ServerMessage::Stations { others: others(ports) });
+            assert_eq!(heard.unwrap(), (Heard::Nothing, None));
+        }
+        assert_eq!(presence.stations(), others(5..5 + STATIONS_TOLD_MAX as u16));
     }
 
     #[test]

@@ -255,7 +255,7 @@ impl Connection {
             }
             ServerMessage::Loading { what } => self.stage = Stage::Waiting(what.into()),
             // What was said to somebody in another world.
-            ServerMessage::Notice { .. } => {}
+            ServerMessage::Notice { .. } | ServerMessage::Stations { .. } => {}
             ServerMessage::Goodbye { reason, may_return } => {
                 self.end(now, reason.into(), may_return);
             }

@@ -5,6 +5,7 @@
 //! * [`supply`]: compiles the building of a running server, and compiles it again when it changes.
 //! * [`net`]: the endpoint, admission and sessions. It is the only module that knows QUIC. Start
 //!   with [`net::Server`]: it binds an address and serves a [`net::ServedWorld`].
+//! * [`bus`]: the way to other servers of the same building, over NATS.
 //! * [`people`]: whom the server remembers: keys, roles, bans, places.
 //! * [`operate`]: what an operator sees of a running server: [`operate::ServerStats`] and
 //!   [`operate::Overview`].
@@ -54,6 +55,8 @@ mod address;
 mod background;
 pub mod building_cache;
 pub mod building_files;
+#[cfg_attr(not(feature = "bus"), allow(dead_code, reason = "only NATS carries what stations say"))]
+pub mod bus;
 #[cfg(feature = "http")]
 pub mod http;
 pub mod net;

@@ -32,7 +32,7 @@ enum Command {
     Invite(cli::people::InviteArgs),
     Owner(cli::people::OwnerArgs),
     Replay(cli::replay::ReplayArgs),
-    Serve(cli::serve::ServeArgs),
+    Serve(Box<cli::serve::ServeArgs>),
     #[cfg(feature = "http")]
     Status(cli::status::StatusArgs),
 }

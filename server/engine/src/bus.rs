@@ -109,36 +109,27 @@ pub enum StationWord {
 }
 
 impl StationWord {
-    /// About how many bytes the message takes on the bus, with its head.
-    pub fn about_bytes(&self) -> usize {
-        const HEAD: usize = 12;
-        const REPORT: usize = 52;
-        const STAY: usize = 16;
-        HEAD + match self {
-            Self::Heartbeat(heartbeat) => 6 + 16 * heartbeat.heard.len(),
-            Self::Subscribe { added, removed, .. } => 4 + 2 * (added.len() + removed.len()),
-            Self::Synced { .. } => 2,
-            Self::Announce { name, stay, .. } => 7 + name.len() + REPORT + stay.map_or(0, |_| STAY),
-            Self::Report { .. } => 3 + REPORT,
-            Self::Leave { .. } => 3,
-            Self::Ask { .. } => 8,
-            Self::Quiet { .. } => 3 + STAY,
-            Self::Chat { text, .. } => 4 + text.len(),
-        }
-    }
+    /// The names of the kinds, for counters.
+    pub const KINDS: [&'static str; 9] =
+        ["heartbeat", "subscribe", "synced", "announce", "report", "leave", "ask", "quiet", "chat"];
 
     /// The name of the kind, for counters.
     pub fn kind(&self) -> &'static str {
+        Self::KINDS[self.kind_number()]
+    }
+
+    /// The index of the kind in [`StationWord::KINDS`].
+    pub fn kind_number(&self) -> usize {
         match self {
-            Self::Heartbeat(_) => "heartbeat",
-            Self::Subscribe { .. } => "subscribe",
-            Self::Synced { .. } => "synced",
-            Self::Announce { .. } => "announce",
-            Self::Report { .. } => "report",
-            Self::Leave { .. } => "leave",
-            Self::Ask { .. } => "ask",
-            Self::Quiet { .. } => "quiet",
-            Self::Chat { .. } => "chat",
+            Self::Heartbeat(_) => 0,
+            Self::Subscribe { .. } => 1,
+            Self::Synced { .. } => 2,
+            Self::Announce { .. } => 3,
+            Self::Report { .. } => 4,
+            Self::Leave { .. } => 5,
+            Self::Ask { .. } => 6,
+            Self::Quiet { .. } => 7,
+            Self::Chat { .. } => 8,
         }
     }
 }

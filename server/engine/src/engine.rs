@@ -100,9 +100,11 @@ impl Engine {
     }
 
     /// Counts on from the ticks of an engine that this one replaces: the next tick has the number
-    /// after `ticks`. To be called before the first tick.
-    pub fn counting_from(self, ticks: u32) -> Self {
+    /// after `ticks`, and other stations notice the change. To be called before the first tick, and
+    /// after [`Engine::as_station`].
+    pub fn counting_from(mut self, ticks: u32) -> Self {
         debug_assert_eq!(self.tick, 0, "the engine has not ticked");
+        self.stations.count_from(ticks);
         Self { tick: ticks, ..self }
     }
 
@@ -116,6 +118,12 @@ impl Engine {
     /// Takes what other stations must be told, in order. To be called after each other call.
     pub fn take_station_outputs(&mut self) -> Vec<StationOutput> {
         self.stations.take_outputs()
+    }
+
+    /// Cuts another station off for good, since what it sends is no message of a station. Its
+    /// avatars leave.
+    pub fn cut_station(&mut self, station: StationId) {
+        self.cut_off(station);
     }
 
     /// Takes in what happened at a moment. What comes of it is told at the next tick. A moment
@@ -348,6 +356,11 @@ impl Engine {
     /// The stations that were cut off, because they lied or flooded.
     pub fn cut_stations(&self) -> impl Iterator<Item = StationId> + '_ {
         self.stations.cut()
+    }
+
+    /// How long a message to or from the farthest other station takes at most.
+    pub fn bus_delay(&self) -> Duration {
+        self.stations.abroad().bus
     }
 
     /// How many sectors there are, and to how many of them this station subscribes.

@@ -49,7 +49,7 @@ impl Engine {
         }
     }
 
-    fn cut_off(&mut self, station: StationId) {
+    pub(crate) fn cut_off(&mut self, station: StationId) {
         self.stations.cut_off(station);
         self.forget_station(station);
     }

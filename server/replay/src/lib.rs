@@ -4,7 +4,8 @@
 //! Each avatar of the trace has a simulated client with a real replica. Its messages are the bytes
 //! of the wire and travel over a simulated network ([`NetworkConditions`]). The engine decides what
 //! each client is told, exactly as it does for `serve`, and the report says what that costs each
-//! client. [`Comparison`] puts the reports of several policies side by side.
+//! client. [`Comparison`] puts the reports of several policies side by side, and
+//! [`ConfigurationTable`] those of one server, several and none.
 //!
 //! An audit compares what the clients hold with what rays against the building's triangles find
 //! visible. It counts misses and over-send ([`OracleReport`]). [`run_watched`] shows each tick
@@ -52,6 +53,7 @@
 
 mod audit;
 mod comparison;
+mod configurations;
 mod dump;
 mod network;
 mod options;
@@ -69,6 +71,7 @@ use sightline_cli::trace::Trace;
 use sightline_world::World;
 
 pub use comparison::Comparison;
+pub use configurations::{Configuration, ConfigurationReport, ConfigurationTable};
 pub use network::NetworkConditions;
 pub use options::{
     Assignment, BusFaults, ClientFaults, OracleStride, ReplayOptions, StationOptions, Trouble,

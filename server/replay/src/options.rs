@@ -63,6 +63,8 @@ pub enum Assignment {
     Random,
     /// By where they begin, so that neighbours are together.
     ByPlace,
+    /// One to each, in the order in which they come.
+    Each,
 }
 
 /// What goes wrong between stations.

@@ -12,6 +12,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use serde::Serialize;
 use sightline_cli::trace::Trace;
 use sightline_engine::{Engine, Input, Output, StationId, StationMessage, StationOutput, Stats};
+use sightline_protocol::bus::{self, Parcels};
 use sightline_world::{World, motion::AvatarId};
 
 use super::options::{Assignment, BusFaults, ReplayOptions, StationOptions, Trouble};
@@ -54,7 +55,7 @@ struct Bus {
 struct Packet {
     from: usize,
     to: usize,
-    message: StationMessage,
+    parcel: Vec<u8>,
 }
 
 /// What stations cost.
@@ -64,7 +65,7 @@ pub struct StationReport {
     pub stations: usize,
     /// Messages on the bus, by kind. One to several stations counts for each.
     pub messages: BTreeMap<&'static str, u64>,
-    /// About how many bytes they take.
+    /// How many bytes they take, without what the bus adds.
     pub bytes: u64,
     /// The share of sectors that a station subscribes to, in the mean.
     pub subscribed_share: f64,
@@ -150,6 +151,7 @@ impl Stations {
                 let part = self.borders.partition_point(|border| *border <= place.x);
                 alive.iter().copied().min_by_key(|k| k.abs_diff(part))
             }
+            (Assignment::Each, _) => Some(alive[self.homes.len() % alive.len()]),
             _ => {
                 let mut rng = SmallRng::seed_from_u64(HOME_SALT ^ u64::from(avatar.0));
                 Some(alive[rng.random_range(0..alive.len())])
@@ -198,12 +200,15 @@ impl Stations {
 
     /// Delivers the next message on the bus.
     pub(super) fn deliver_next(&mut self) {
-        let Some(((at, _), Packet { from, to, message })) = self.bus.packets.pop_first() else {
+        let Some(((at, _), Packet { from, to, parcel })) = self.bus.packets.pop_first() else {
             return;
         };
         if self.is_alive[to] {
             let from = StationId(from as u32 + 1);
-            self.call(at, to, |engine| engine.handle_station(at, from, &message));
+            let messages = bus::decode(&parcel).expect("stations send what they can read");
+            for (message, _) in messages {
+                self.call(at, to, |engine| engine.handle_station(at, from, &message));
+            }
         }
     }
 
@@ -251,11 +256,12 @@ impl Stations {
         let named = to.map(|to| to.0 as usize - 1);
         let others: Vec<usize> =
             all.filter(|k| *k != from && named.is_none_or(|named| named == *k)).collect();
+        let parcel = packed(&message);
         for to in others {
             let BusFaults { reports_late } = self.options.faults;
             let kind = message.word.kind();
             *self.bus.counts.entry(kind).or_insert(0) += 1;
-            self.bus.bytes += message.word.about_bytes() as u64;
+            self.bus.bytes += parcel.len() as u64;
             if self.is_parted(at, from, to) {
                 continue;
             }
@@ -264,7 +270,7 @@ impl Stations {
             let last = self.bus.last.entry([from, to]).or_default();
             *last = (*last).max(at + self.options.delay + jitter + late);
             self.bus.sent += 1;
-            let packet = Packet { from, to, message: message.clone() };
+            let packet = Packet { from, to, parcel: parcel.clone() };
             self.bus.packets.insert((*last, self.bus.sent), packet);
         }
     }
@@ -322,6 +328,13 @@ impl Stations {
             }
         }
     }
+}
+
+/// A message as it is on the bus, alone.
+fn packed(message: &StationMessage) -> Vec<u8> {
+    let mut parcels = Parcels::default();
+    parcels.push(message);
+    parcels.take().concat()
 }
 
 /// The borders that give each station about as many visitors, by where they begin.

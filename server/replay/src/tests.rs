@@ -62,6 +62,34 @@ fn no_visible_avatar_is_missed_in_random_buildings() {
     assert!(quiet > 1.0, "people are silent: {quiet}");
 }
 
+/// The claim of Sudarsky and Gotsman (1996, section 5), with the same people and walks: stations
+/// without a server tell each other far less than everybody tells everybody, and miss nobody.
+#[test]
+fn peers_tell_each_other_less_than_a_broadcast_and_miss_nobody() {
+    let mut rng = SmallRng::seed_from_u64(3);
+    let house = House::new(&mut rng, 5);
+    let trace = house.trace(&mut rng, 10, 20);
+    let all = Configuration::all(3).map(|configuration| {
+        let options = configuration.options(&options(Policy::Tbv, 100), 10);
+        let (report, _) = replay(&house.world, &trace, &options);
+        assert_eq!(report.oracle.as_ref().unwrap().misses, 0, "{configuration}");
+        ConfigurationReport { configuration, report }
+    });
+    let [broadcast, server, network, peers] = &all;
+    let stations = |of: &ConfigurationReport| of.report.stations.as_ref().map_or(0, |s| s.stations);
+    assert_eq!([broadcast, server, network, peers].map(stations), [0, 0, 3, 10]);
+    let words = |of: &ConfigurationReport| {
+        let kinds = &of.report.stations.as_ref().unwrap().messages;
+        kinds.iter().filter(|(kind, _)| **kind != "heartbeat").map(|(_, n)| *n).sum::<u64>()
+    };
+    let to_all = 10.0 * 9.0 * 20.0 * peers.report.seconds;
+    assert!(words(network) > 0 && words(network) < words(peers));
+    assert!((words(peers) as f64) < 0.5 * to_all, "{} of {to_all}", words(peers));
+    let table = ConfigurationTable { rows: all.to_vec() }.to_string();
+    assert_eq!(table.lines().count(), 5, "{table}");
+    println!("{table}");
+}
+
 #[test]
 fn two_runs_give_the_same_dump_and_it_agrees_with_the_figures() {
     let mut rng = SmallRng::seed_from_u64(7);

@@ -10,11 +10,12 @@
 //! * [`text`]: names and chat lines that are fit to be shown.
 //! * [`fingerprint`]: how a client recognises a server, and a server its visitors.
 //! * `outbound` (feature `engine`): the engine's output as messages and datagrams.
+//! * `bus` (feature `engine`): what stations tell each other.
 //!
 //! A connection has one bidirectional stream, which the client opens. The server opens a
 //! unidirectional stream to send the world when it is asked for it. Where the world is offered in
-//! pieces, the client may open a second bidirectional stream for them. No floating-point number is
-//! on the wire, so no NaN is either. No length, index or character is trusted: a value that decodes
+//! pieces, the client may open a second bidirectional stream for them. Client and server send each
+//! other no floating-point number, so no NaN either. No length, index or character is trusted: a value that decodes
 //! is valid.
 //!
 //! This crate knows no socket. A server sends a pose like this:
@@ -41,6 +42,8 @@
 //! # Ok::<(), sightline_protocol::DecodeError>(())
 //! ```
 
+#[cfg(feature = "engine")]
+pub mod bus;
 pub mod fingerprint;
 pub mod frame;
 pub mod message;
@@ -53,7 +56,7 @@ pub mod text;
 mod varint;
 
 /// The version of the protocol, which both ends must share.
-pub const VERSION: u32 = 11;
+pub const VERSION: u32 = 12;
 /// The TLS application protocol. It has no version, so that the server can tell a client of another
 /// version the reason in words.
 pub const ALPN: &[u8] = b"sightline";

@@ -1,12 +1,12 @@
 //! Control messages between client and server, on the reliable stream.
 
-use std::num::NonZeroU32;
+use std::{net::SocketAddr, num::NonZeroU32};
 
 use serde::{Deserialize, Serialize};
 
 use super::{
     DecodeError,
-    fingerprint::VisitorSecret,
+    fingerprint::{Fingerprint, VisitorSecret},
     frame,
     pose_stream::Ack,
     quantise::{WirePose, WirePosition, WireReport, WireTbv, WireTolerance},
@@ -188,13 +188,31 @@ pub enum ServerMessage {
         /// Whether the client may come back by itself: the server is started again, for example.
         may_return: bool,
     },
+    /// Other servers of the same building, to which the client may go when this one is lost. Each
+    /// list takes the place of the one before.
+    Stations {
+        /// At most [`STATIONS_TOLD_MAX`].
+        others: Vec<StationAddress>,
+    },
+}
+
+/// The most stations that a client is told of.
+pub const STATIONS_TOLD_MAX: usize = 4;
+
+/// Where visitors reach a station, and what it is known by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StationAddress {
+    /// The UDP address for clients.
+    pub address: SocketAddr,
+    /// The fingerprint of its certificate.
+    pub fingerprint: Fingerprint,
 }
 
 impl ServerMessage {
     /// The names of the kinds, in the order of their numbers on the wire.
-    pub const KINDS: [&'static str; 14] = [
+    pub const KINDS: [&'static str; 15] = [
         "welcome", "refused", "loading", "world", "entered", "appear", "vanish", "ask", "quiet",
-        "live", "correct", "chat", "notice", "goodbye",
+        "live", "correct", "chat", "notice", "goodbye", "stations",
     ];
 
     /// Decodes the message of a frame.
@@ -326,6 +344,15 @@ mod tests {
                 since_sequence: u32::MAX,
             },
             ServerMessage::Vanish { avatar },
+            ServerMessage::Stations {
+                others: vec![
+                    StationAddress {
+                        address: "[2001:db8:ffff:ffff:ffff:ffff:ffff:ffff]:65535".parse().unwrap(),
+                        fingerprint: Fingerprint([255; 32]),
+                    };
+                    STATIONS_TOLD_MAX
+                ],
+            },
             ServerMessage::Ask,
             ServerMessage::Quiet {
                 tbv: WireTbv {

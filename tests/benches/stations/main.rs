@@ -164,6 +164,7 @@ fn measure(
         assignment: match assignment {
             Assignment::Random => "any",
             Assignment::ByPlace => "by place",
+            Assignment::Each => "each its own",
         },
         cpu_ms: stations.tick_cpu_mean_ms.iter().copied().fold(0.0, f64::max),
         cpu_share: 1.0,

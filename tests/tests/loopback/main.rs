@@ -13,6 +13,7 @@ mod pieces;
 mod proxy;
 mod respawn;
 mod returning;
+mod stations;
 mod stop;
 mod stranger;
 mod supplied;

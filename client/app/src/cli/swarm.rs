@@ -1,6 +1,7 @@
 //! `sightline-client swarm`.
 
 use std::{
+    collections::VecDeque,
     path::{Path, PathBuf},
     sync::Arc,
     time::Duration,
@@ -27,9 +28,10 @@ use sightline_protocol::fingerprint::Fingerprint;
 /// own.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The server, as host:port.
+    /// The server, as host:port; or several servers of one building, to which the visitors go in
+    /// turns.
     #[arg(value_name = "ADDR", default_value = "localhost:4777")]
-    address: String,
+    addresses: Vec<String>,
     /// The number of visitors.
     #[arg(long, value_name = "N", default_value_t = 16,
           value_parser = clap::value_parser!(u32).range(1..=16_384))]
@@ -60,7 +62,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         "--seconds must be between 0.1 and 86400"
     );
     args.json.as_deref().map_or(Ok(()), check_output)?;
-    let address = flags::resolve(&args.address)?;
+    let addresses = args.addresses.iter().map(|address| flags::resolve(address));
+    let mut addresses = addresses.collect::<Result<VecDeque<_>, _>>()?;
+    let address = addresses.pop_front().context("there is no server")?;
     let trust = match args.fingerprint {
         Some(fingerprint) => Trust::Pinned(fingerprint),
         None => Trust::of_user().context("there is no home folder: give --fingerprint")?,
@@ -71,6 +75,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let options = SwarmOptions {
         seed: args.seed,
         trace,
+        others: addresses.into(),
         dialer: Arc::new(Dialer::new(net::world_folder_of_user())),
         ..SwarmOptions::new(args.clients as usize, duration, trust)
     };

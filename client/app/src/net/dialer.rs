@@ -134,10 +134,10 @@ impl Dialer {
         address: SocketAddr,
         options: &ConnectOptions,
     ) -> Result<Session, ConnectError> {
-        let caller = Caller { dialer: self.clone(), address, options: options.clone() };
+        let caller = Caller::new(self.clone(), address, options.clone());
         let give_up = Instant::now() + REACH_DEADLINE;
         let is_silent: fn(&ConnectError) -> bool = |e| matches!(e, ConnectError::NoAnswer(_));
-        let connection = caller.reach(&mut Pauses::first(), give_up, is_silent).await?;
+        let (_, connection) = caller.reach(&mut Pauses::first(), give_up, is_silent).await?;
         let welcomed = self.greet(connection, address, options).await?;
         Session::start(welcomed, caller, self.cache.clone()).await
     }

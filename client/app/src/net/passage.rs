@@ -132,7 +132,7 @@ async fn next_offer(
                 tell(progress, || JoinProgress::Waiting(what.into()));
             }
             // What was said to somebody in another world.
-            ServerMessage::Notice { .. } => {}
+            ServerMessage::Notice { .. } | ServerMessage::Stations { .. } => {}
             ServerMessage::Goodbye { reason, may_return } => {
                 return Err(ConnectError::Goodbye { reason: reason.into(), may_return });
             }

@@ -7,7 +7,7 @@ use std::{
 };
 
 use quinn::Connection;
-use sightline_protocol::message::Refusal;
+use sightline_protocol::message::{Refusal, StationAddress};
 use tokio::{
     task::JoinSet,
     time::{Instant, sleep_until, timeout_at},
@@ -17,6 +17,7 @@ use super::{
     dialer::{ConnectOptions, Dialer},
     error::ConnectError,
     session::Welcomed,
+    trust::Trust,
 };
 
 /// The pauses before the first attempts, in milliseconds. Later ones are as long as the last.
@@ -32,8 +33,11 @@ pub(super) const PATIENCE: Duration = Duration::from_secs(600);
 /// What a client needs to connect again.
 pub(super) struct Caller {
     pub(super) dialer: Dialer,
+    /// Its server.
     pub(super) address: SocketAddr,
     pub(super) options: ConnectOptions,
+    /// Other servers of the same building, to which it may go.
+    pub(super) others: Vec<StationAddress>,
 }
 
 /// The pauses of a client that comes for the first time. The server may have more to do than it
@@ -74,21 +78,43 @@ impl Pauses {
 }
 
 impl Caller {
-    /// Connects until the server welcomes this client, or refuses it for good.
+    /// A client of a server.
+    pub(super) fn new(dialer: Dialer, address: SocketAddr, options: ConnectOptions) -> Self {
+        Self { dialer, address, options, others: Vec::new() }
+    }
+
+    /// Connects until its server, or another one of the same building, welcomes this client, or its
+    /// own refuses it for good. The server that welcomes it is its own from then on.
     ///
     /// # Errors
-    /// When it refuses it for good, or it is time to give up.
+    /// When it is refused for good, or it is time to give up.
     pub(super) async fn call(
-        &self,
+        &mut self,
         pauses: &mut Pauses,
         give_up: Instant,
     ) -> Result<Welcomed, ConnectError> {
         loop {
-            let connection = self.reach(pauses, give_up, ConnectError::may_pass).await?;
-            let error = match self.dialer.greet(connection, self.address, &self.options).await {
-                Err(error) if error.may_pass() && Instant::now() < give_up => error,
-                greeted => return greeted,
+            let (other, connection) = self.reach(pauses, give_up, ConnectError::may_pass).await?;
+            let (address, options) = match other {
+                Some(StationAddress { address, fingerprint }) => {
+                    let trust = Trust::Pinned(fingerprint);
+                    (address, ConnectOptions { trust, ..self.options.clone() })
+                }
+                None => (self.address, self.options.clone()),
             };
+            let error = match self.dialer.greet(connection, address, &options).await {
+                Ok(welcomed) => {
+                    (self.address, self.options) = (address, options);
+                    return Ok(welcomed);
+                }
+                Err(error) => error,
+            };
+            if other.is_some() && !error.may_pass() {
+                // The others, and its own server, may still take it in.
+                self.others.retain(|known| Some(*known) != other);
+            } else if !error.may_pass() || Instant::now() >= give_up {
+                return Err(error);
+            }
             tracing::debug!(%error, "not back yet");
             if let ConnectError::Refused(Refusal::Busy { retry_ms }) = error {
                 let retry = Duration::from_millis(retry_ms.into());
@@ -97,14 +123,15 @@ impl Caller {
         }
     }
 
-    /// Connects with one attempt after the other, until one succeeds or fails with an error that
-    /// may not pass, or it is time to give up.
+    /// Connects with one attempt after the other, in turns to its own server and to others, until
+    /// one succeeds or fails with an error that may not pass, or it is time to give up. Returns the
+    /// other server, if it is one.
     pub(super) async fn reach(
         &self,
         pauses: &mut Pauses,
         give_up: Instant,
         may_pass: fn(&ConnectError) -> bool,
-    ) -> Result<Connection, ConnectError> {
+    ) -> Result<(Option<StationAddress>, Connection), ConnectError> {
         let reached = timeout_at(give_up, self.attempt(pauses, may_pass)).await;
         reached.unwrap_or(Err(ConnectError::NoAnswer(self.address)))
     }
@@ -113,25 +140,28 @@ impl Caller {
         &self,
         pauses: &mut Pauses,
         may_pass: fn(&ConnectError) -> bool,
-    ) -> Result<Connection, ConnectError> {
-        let mut attempts = JoinSet::new();
-        loop {
+    ) -> Result<(Option<StationAddress>, Connection), ConnectError> {
+        type Attempt = (Option<StationAddress>, Result<Connection, ConnectError>);
+        let mut attempts: JoinSet<Attempt> = JoinSet::new();
+        let servers = std::iter::once(None).chain(self.others.iter().copied().map(Some));
+        for other in servers.cycle() {
             let due = Instant::now() + pauses.next();
             loop {
                 tokio::select! {
                     () = sleep_until(due) => break,
-                    Some(Ok(attempt)) = attempts.join_next() => match attempt {
-                        Err(error) if may_pass(&error) => {}
-                        finished => return finished,
+                    Some(Ok((other, attempt))) = attempts.join_next() => match attempt {
+                        Err(error) if other.is_some() || may_pass(&error) => {}
+                        finished => return finished.map(|connection| (other, connection)),
                     },
                 }
             }
             if attempts.len() < ATTEMPTS_MAX {
                 let (dialer, options) = (self.dialer.clone(), self.options.clone());
-                let address = self.address;
-                attempts.spawn(async move { dialer.open(address, &options).await });
+                let address = other.map_or(self.address, |other| other.address);
+                attempts.spawn(async move { (other, dialer.open(address, &options).await) });
             }
         }
+        Err(ConnectError::NoAnswer(self.address))
     }
 }
 
@@ -143,7 +173,6 @@ mod tests {
     use sightline_protocol::text::Name;
 
     use super::*;
-    use crate::net::trust::Trust;
 
     #[test]
     fn pauses_grow_and_are_short_again_after_success() {
@@ -171,7 +200,7 @@ mod tests {
             in_pieces: false,
             progress: None,
         };
-        let caller = Caller { dialer: Dialer::new(None), address, options };
+        let mut caller = Caller::new(Dialer::new(None), address, options);
         let give_up = Instant::now() + Duration::from_millis(50);
         for _ in 0..3 {
             let called = caller.call(&mut Pauses::returning(), give_up).await;

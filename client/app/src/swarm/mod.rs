@@ -71,6 +71,8 @@ pub struct SwarmOptions {
     pub trace: Option<Trace>,
     /// The time between two calls of the observer.
     pub snapshot_interval: Duration,
+    /// Other servers of the same building. Visitors go to all servers in turns.
+    pub others: Vec<SocketAddr>,
 }
 
 impl SwarmOptions {
@@ -84,6 +86,7 @@ impl SwarmOptions {
             dialer: Arc::new(Dialer::new(None)),
             trace: None,
             snapshot_interval: Duration::from_millis(250),
+            others: Vec::new(),
         }
     }
 }
@@ -179,9 +182,9 @@ pub async fn run(
 ) -> Result<SwarmReport, SwarmError> {
     let (mut members, mut grounds, joining) = connect_visitors(address, options).await?;
     let (mut misses, mut renewal) = (Misses::default(), Renewal::default());
-    let server = Process::listening_on(address);
+    let servers = Process::listening_on([address].iter().chain(&options.others));
     let mut statistics =
-        SwarmStatistics::new(members.iter().map(|member| &member.session), joining, server);
+        SwarmStatistics::new(members.iter().map(|member| &member.session), joining, servers);
     let mut steps = tokio::time::interval(STEP);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let start = Instant::now();
@@ -321,7 +324,8 @@ async fn connect_visitors(
             Ok((i, connect_options(options, i, place)?))
         })
         .collect::<Result<_, IdentityError>>()?;
-    let (mut sessions, joining) = connect_all(&dialer, address, options_by_number).await;
+    let servers: Vec<SocketAddr> = [address].iter().chain(&options.others).copied().collect();
+    let (mut sessions, joining) = connect_all(&dialer, &servers, options_by_number).await;
     sessions.insert(0, (0, first));
     let members = sessions.into_iter().map(|(i, session)| {
         let pose = session.pose();
@@ -340,11 +344,11 @@ async fn connect_visitors(
     Ok((members.collect(), grounds, joining))
 }
 
-/// Connects with each of the options, a few at a time and one after the other. Returns the sessions
-/// in order, and how they came in.
+/// Connects with each of the options, a few at a time and one after the other, to the servers in
+/// turns. Returns the sessions in order, and how they came in.
 async fn connect_all(
     dialer: &Arc<Dialer>,
-    address: SocketAddr,
+    servers: &[SocketAddr],
     mut options_by_number: VecDeque<(usize, ConnectOptions)>,
 ) -> (Vec<(usize, Session)>, Joining) {
     let (mut sessions, mut joining) = (Vec::new(), Joining::default());
@@ -358,6 +362,7 @@ async fn connect_all(
         {
             turns.tick().await;
             let (dialer, begin) = (dialer.clone(), Instant::now());
+            let address = servers[i % servers.len()];
             connecting.spawn(async move {
                 let session = dialer.connect(address, &hello).await;
                 (i, session, begin.elapsed())

@@ -28,8 +28,16 @@ impl Process {
         Self { folder: "/proc/self".to_owned() }
     }
 
-    /// The process that listens on an address of this machine, if it may be looked at.
-    pub(super) fn listening_on(address: SocketAddr) -> Option<Self> {
+    /// The processes that listen on addresses of this machine, if they may be looked at. One that
+    /// listens on several is there once.
+    pub(super) fn listening_on<'a>(addresses: impl Iterator<Item = &'a SocketAddr>) -> Vec<Self> {
+        let mut found: Vec<Self> = addresses.filter_map(|at| Self::behind(*at)).collect();
+        found.sort_unstable_by(|a, b| a.folder.cmp(&b.folder));
+        found.dedup_by(|a, b| a.folder == b.folder);
+        found
+    }
+
+    fn behind(address: SocketAddr) -> Option<Self> {
         if !address.ip().to_canonical().is_loopback() {
             return None;
         }
@@ -52,6 +60,15 @@ impl Process {
         };
         let folder = folders.find(has_socket)?;
         Some(Self { folder: folder.to_str()?.to_owned() })
+    }
+
+    /// What processes have used together; `None` when there is none, or the system does not tell.
+    pub(super) fn usage_of(all: &[Self]) -> Option<Usage> {
+        let used: Option<Vec<Usage>> = all.iter().map(Self::usage).collect();
+        used?.into_iter().reduce(|one, other| Usage {
+            cpu: one.cpu + other.cpu,
+            memory_bytes: one.memory_bytes + other.memory_bytes,
+        })
     }
 
     /// What it has used; `None` when the system does not tell.
@@ -104,9 +121,13 @@ mod tests {
     #[test]
     fn the_process_behind_a_socket_is_found() {
         let socket = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-        let found = Process::listening_on(socket.local_addr().unwrap()).unwrap();
-        assert!(found.folder.ends_with(&std::process::id().to_string()), "{found:?}");
-        assert!(found.usage().unwrap().memory_bytes > 1 << 16);
-        assert!(Process::listening_on("192.0.2.1:4777".parse().unwrap()).is_none());
+        let other = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+        let addresses = [&socket, &other].map(|socket| socket.local_addr().unwrap());
+        let found = Process::listening_on(addresses.iter());
+        assert_eq!(found.len(), 1, "one process has both");
+        assert!(found[0].folder.ends_with(&std::process::id().to_string()), "{found:?}");
+        assert!(Process::usage_of(&found).unwrap().memory_bytes > 1 << 16);
+        let elsewhere = Process::listening_on(["192.0.2.1:4777".parse().unwrap()].iter());
+        assert!(elsewhere.is_empty() && Process::usage_of(&elsewhere).is_none());
     }
 }

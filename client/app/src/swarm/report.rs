@@ -64,9 +64,9 @@ pub struct SwarmReport {
     pub is_bottleneck: bool,
     /// Processor time of the swarm in a second, in seconds; 0 where the system does not tell.
     pub swarm_cpu: f64,
-    /// Processor time in a second of the server, if it runs beside the swarm.
+    /// Processor time in a second of the servers, if they run beside the swarm.
     pub server_cpu: Option<f64>,
-    /// Memory of that server at the end, in bytes.
+    /// Memory of these servers at the end, in bytes.
     pub server_memory_bytes: Option<u64>,
     /// The share of time in which visitors walked, from 0 to 1.
     pub moving_share: f64,
@@ -139,7 +139,7 @@ pub struct SwarmStatistics {
     /// The times between steps.
     steps: Vec<Duration>,
     own: Process,
-    server: Option<Process>,
+    servers: Vec<Process>,
     /// What both had used at the start.
     used: [Option<Usage>; 2],
     start: Vec<SessionStats>,
@@ -164,7 +164,7 @@ impl SwarmStatistics {
     pub fn new<'a>(
         sessions: impl Iterator<Item = &'a Session>,
         joining: Joining,
-        server: Option<Process>,
+        servers: Vec<Process>,
     ) -> Self {
         let own = Process::own();
         Self {
@@ -173,9 +173,9 @@ impl SwarmStatistics {
             misses: 0,
             joining,
             steps: Vec::new(),
-            used: [own.usage(), server.as_ref().and_then(Process::usage)],
+            used: [own.usage(), Process::usage_of(&servers)],
             own,
-            server,
+            servers,
             start: sessions.map(Session::stats).collect(),
             histories: Histories::default(),
             promises: Promises::default(),
@@ -260,7 +260,7 @@ impl SwarmStatistics {
             time.as_secs_f64() * 1e3
         };
         let step_p99_ms = ms(&self.steps, 99);
-        let now = [self.own.usage(), self.server.as_ref().and_then(Process::usage)];
+        let now = [self.own.usage(), Process::usage_of(&self.servers)];
         let [swarm_cpu, server_cpu] = [0, 1].map(|i| {
             let (now, then) = now[i].zip(self.used[i])?;
             Some(now.cpu.saturating_sub(then.cpu).as_secs_f64() / seconds.max(1e-9))
@@ -335,7 +335,7 @@ mod tests {
 
     #[test]
     fn percentiles_follow_the_histogram() {
-        let mut statistics = SwarmStatistics::new([].into_iter(), Joining::default(), None);
+        let mut statistics = SwarmStatistics::new([].into_iter(), Joining::default(), Vec::new());
         assert_eq!(statistics.age_percentile(0, 99), 0.0);
         statistics.ages[0] = 98;
         statistics.ages[10] = 2;

@@ -181,6 +181,7 @@ impl Replica {
             ServerMessage::Welcome { .. }
             | ServerMessage::Loading { .. }
             | ServerMessage::World { .. }
+            | ServerMessage::Stations { .. }
             | ServerMessage::Refused { .. } => return Err(ReplicaError::OutOfPlace),
             ServerMessage::Entered { pose, tick } => {
                 self.clock.synchronise(tick, now);

@@ -174,6 +174,12 @@ impl Replica {
         }
     }
 
+    /// A datagram that only acknowledges what has come, for a client that wants to know whether the
+    /// server is still there.
+    pub fn probe(&self) -> Vec<u8> {
+        ClientDatagram { ack: self.decoder.ack(), report: None }.encode()
+    }
+
     fn send(&mut self, now: Duration, reason: ReportReason, report: &Report) -> Outgoing {
         let report = WireReport::new(report, self.tick_interval);
         let closely = self.tick_interval * CLOSE_TICKS;

@@ -17,7 +17,10 @@ use sightline_cli::{
     trace::Trace,
 };
 use sightline_engine::{Config, Policy, PolicyError, TbvShape, Validity};
-use sightline_replay::{Comparison, OracleStride, ReplayOptions, TickView};
+use sightline_replay::{
+    Comparison, Configuration, ConfigurationReport, ConfigurationTable, OracleStride,
+    ReplayOptions, TickView,
+};
 use sightline_world::{World, rooms::Rooms};
 
 /// Runs the engine over a recorded walk, in virtual time and without a network.
@@ -33,9 +36,13 @@ pub struct ReplayArgs {
     trace: PathBuf,
     /// The policy that decides who is told of whom: broadcast, radius:METRES, grid:METRES,
     /// region:METRES[:MARGIN] (squares with a margin), room[:DOORS] (rooms up to DOORS doors away),
-    /// pvs or tbv. With `all`, a table has a row for each.
+    /// pvs or tbv. With `all`, a table has a row for each. With `peers`, a table compares tbv with
+    /// one server, with several, and without any, where each visitor has a station of its own.
     #[arg(long, default_value = "tbv", value_parser = policies)]
     policy: PolicyChoice,
+    /// With `--policy peers`: how many servers the network has.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=127))]
+    servers: u16,
     /// The round trip of every client, in milliseconds: 0 to 10000.
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u32).range(..=10_000))]
     rtt: u32,
@@ -91,6 +98,7 @@ pub struct ReplayArgs {
 enum PolicyChoice {
     One(Policy),
     All,
+    Peers,
 }
 
 /// The value of `--validity`.
@@ -130,6 +138,9 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<()> {
                 with(&|config| (config.shape, config.validity) = (shape, validity))
             };
             compare(args, &world, &trace, &Comparison::TBVS.map(tbvs))
+        }
+        (PolicyChoice::Peers, ValidityChoice::One(_)) => {
+            configurations(args, &world, &trace, &options)
         }
         (_, ValidityChoice::All) => {
             anyhow::bail!("--validity all needs --policy tbv: other policies have no TBVs")
@@ -225,6 +236,31 @@ impl FromStr for ExplainQuery {
     }
 }
 
+/// Runs a trace with one server, several, and none, and prints a table.
+fn configurations(
+    args: &ReplayArgs,
+    world: &Arc<World>,
+    trace: &Trace,
+    options: &ReplayOptions,
+) -> anyhow::Result<()> {
+    anyhow::ensure!(args.dump.is_none(), "--dump needs one policy, not peers");
+    anyhow::ensure!(args.explain.is_none(), "--explain needs one policy, not peers");
+    let (progress, visitors) = (Progress::new(), trace.ids().count());
+    let mut table = ConfigurationTable::default();
+    let all = Configuration::all(args.servers.into());
+    for (done, configuration) in all.into_iter().enumerate() {
+        let options = configuration.options(options, visitors);
+        let share = |part: f32| (done as f32 + part) / all.len() as f32;
+        let show =
+            &mut |part| progress.show_with_note("replay", share(part), &configuration.to_string());
+        let report = sightline_replay::run(world, trace, &options, None, show)?;
+        table.rows.push(ConfigurationReport { configuration, report });
+    }
+    progress.finish();
+    output::write_json(args.json.as_deref(), &table)?;
+    output::print(&table.to_string())
+}
+
 /// Runs a trace with several options, one after the other, and prints a table.
 fn compare(
     args: &ReplayArgs,
@@ -279,7 +315,11 @@ fn create(path: &Path) -> anyhow::Result<File> {
 }
 
 fn policies(text: &str) -> Result<PolicyChoice, PolicyError> {
-    if text == "all" { Ok(PolicyChoice::All) } else { text.parse().map(PolicyChoice::One) }
+    match text {
+        "all" => Ok(PolicyChoice::All),
+        "peers" => Ok(PolicyChoice::Peers),
+        _ => text.parse().map(PolicyChoice::One),
+    }
 }
 
 fn validities(text: &str) -> Result<ValidityChoice, &'static str> {

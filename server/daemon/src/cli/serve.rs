@@ -21,6 +21,7 @@ use sightline_compiler::CompileOptions;
 use sightline_server::{
     building_cache::BuildingCache,
     building_files::BuildingSource,
+    bus::{Bus, BusOptions},
     net::{HttpAddress, Identity, ServeConfig, Server, WebAddress},
     supply::{Supplied, Supply, SupplyError, SupplyNews},
 };
@@ -57,6 +58,17 @@ pub struct ServeArgs {
     /// HTTPS. The files are read again when they change.
     #[arg(long, num_args = 2, value_names = ["CERT.pem", "KEY.pem"])]
     tls: Option<Vec<PathBuf>>,
+    /// Share the building with other servers, over a NATS server: their visitors meet. All serve the
+    /// same world file.
+    #[arg(long, value_name = "nats://HOST:PORT")]
+    bus: Option<String>,
+    /// A file of NATS credentials for the bus.
+    #[arg(long, value_name = "FILE")]
+    bus_creds: Option<PathBuf>,
+    /// Where visitors of the other servers on the bus reach this one when theirs is lost. By
+    /// default the address to listen on, if it is a certain one.
+    #[arg(long, value_name = "IP:PORT")]
+    bus_address: Option<SocketAddr>,
     /// Compile the building again whenever its files change, and move visitors over.
     #[arg(long)]
     watch: bool,
@@ -118,6 +130,9 @@ fn config(args: &ServeArgs) -> anyhow::Result<ServeConfig> {
         config.tls_key = Some(key.clone());
     }
     config.listen = args.listen.unwrap_or(config.listen);
+    config.bus = args.bus.clone().or(config.bus);
+    config.bus_credentials = args.bus_creds.clone().or(config.bus_credentials);
+    config.bus_address = args.bus_address.or(config.bus_address);
     config.data = args.data.clone().or(config.data);
     config.world = args.world.clone().or(config.world);
     Ok(config)
@@ -171,7 +186,7 @@ async fn serve(
 ) -> anyhow::Result<()> {
     let (http, web, limits) = (config.http, config.web, config.limits.clone());
     tracing::info!("{}", config.cost());
-    let mut server = Server::listen(config, identity)?;
+    let mut server = start(config, identity).await?;
     output::print(&how_to_join(&server)?)?;
     let _browsers = super::browsers::listen(&server, web)?;
     let _operators = super::operators::listen(&server, http, &limits, data).await?;
@@ -204,6 +219,15 @@ async fn serve(
             _ = status.tick() => log_status(&server),
         }
     }
+}
+
+/// Starts the server, on its bus if there is one.
+async fn start(config: ServeConfig, identity: &Identity) -> anyhow::Result<Server> {
+    let Some(url) = config.bus.clone() else { return Ok(Server::listen(config, identity)?) };
+    let credentials = config.bus_credentials.clone();
+    let bus = Bus::connect(&BusOptions { url, credentials }).await?;
+    tracing::info!(station = bus.station().0, "on the bus");
+    Ok(Server::listen_on_bus(config, identity, bus)?)
 }
 
 /// Starts the supply on a thread of its own. Its outcome arrives when it ends.

@@ -21,6 +21,8 @@ pub struct StatusFigures<'a> {
     rates: Rates,
     /// The rates of each client, in the order of the people.
     people_rates: Vec<Rates>,
+    /// Messages and bytes in a second from other stations, then those to them.
+    bus_rates: [f64; 4],
     /// The share of a core that the process used, in per cent; `None` where the system does not
     /// tell.
     cpu_percent: Option<f64>,
@@ -59,7 +61,8 @@ impl<'a> StatusFigures<'a> {
             None => Rates::between(&Totals::default(), &now.totals, now.uptime_s),
         };
         let people_rates = now.people.iter().map(|person| rates_of(person, since)).collect();
-        Self { now, rates, people_rates, cpu_percent: cpu_percent(now, since) }
+        let bus_rates = bus_rates(now, since);
+        Self { now, rates, people_rates, bus_rates, cpu_percent: cpu_percent(now, since) }
     }
 
     /// One line.
@@ -132,6 +135,26 @@ impl<'a> StatusFigures<'a> {
         row("in", format!("{messages_in_per_s:.0} messages/s, {bytes_in_per_s:.0} bytes/s"));
         row("out", format!("{messages_out_per_s:.0} messages/s, {bytes_out_per_s:.0} bytes/s"));
         row("refused", format!("{} since the start", self.now.refused));
+        if let Some(bus) = &self.now.bus {
+            let lost = if bus.is_connected { "" } else { "lost; " };
+            row(
+                "bus",
+                format!(
+                    "{lost}{} stations, {} cut off, {:.1} ms away; {} guests, {} live; {} of {} \
+                     sectors",
+                    bus.stations,
+                    bus.cut,
+                    bus.delay_ms,
+                    bus.guests,
+                    bus.guests_live,
+                    bus.subscribed,
+                    bus.sectors
+                ),
+            );
+            let [messages_in, bytes_in, messages_out, bytes_out] = self.bus_rates;
+            row("bus in", format!("{messages_in:.0} messages/s, {bytes_in:.0} bytes/s"));
+            row("bus out", format!("{messages_out:.0} messages/s, {bytes_out:.0} bytes/s"));
+        }
         if let Some(used) = &self.now.process {
             let share = self.cpu_percent.map_or(String::new(), |share| format!("{share:.1} %, "));
             let megabytes = used.resident_bytes as f64 / 1e6;
@@ -184,6 +207,22 @@ fn rates_of(person: &Person, since: Option<(Duration, &Overview)>) -> Rates {
     }
 }
 
+/// Messages and bytes in a second from other stations, then those to them, since an earlier state
+/// or since the start.
+fn bus_rates(now: &Overview, since: Option<(Duration, &Overview)>) -> [f64; 4] {
+    let counts = |overview: &Overview| {
+        let bus = overview.bus.unwrap_or_default();
+        [bus.messages_in, bus.bytes_in, bus.messages_out, bus.bytes_out]
+    };
+    let (before, passed_s) = match since {
+        Some((passed, before)) => (counts(before), passed.as_secs_f64()),
+        None => ([0; 4], now.uptime_s),
+    };
+    let mut rates = counts(now).into_iter().zip(before);
+    let rate = |(now, before): (u64, u64)| now.saturating_sub(before) as f64 / passed_s.max(1e-3);
+    [(); 4].map(|()| rates.next().map_or(0.0, rate))
+}
+
 /// The share of a core that was used since an earlier state, or since the start, in per cent.
 fn cpu_percent(now: &Overview, since: Option<(Duration, &Overview)>) -> Option<f64> {
     let used = now.process?;
@@ -207,6 +246,8 @@ fn span(seconds: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use sightline_server::operate::BusStats;
+
     use super::*;
 
     fn overview(seconds: u32) -> Overview {
@@ -260,6 +301,18 @@ mod tests {
             whole.contains("1 messages/s, 100 bytes/s") && whole.contains("100.0 %, "),
             "{whole}"
         );
+    }
+
+    #[test]
+    fn a_station_shows_its_bus() {
+        let mut now = overview(10);
+        assert!(!StatusFigures::new(&now, None).whole().contains("bus"), "it is alone");
+        let (messages_in, is_connected, stations) = (400, true, 3);
+        now.bus = Some(BusStats { messages_in, is_connected, stations, ..BusStats::default() });
+        let text = StatusFigures::new(&now, None).whole();
+        assert!(text.contains("3 stations") && text.contains("40 messages/s"), "{text}");
+        now.bus = Some(BusStats::default());
+        assert!(StatusFigures::new(&now, None).whole().contains("lost"));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use prometheus_client::{
 
 use crate::{
     net::Observer,
-    operate::{Histogram, Metrics, Overview},
+    operate::{BusCounters, Histogram, Metrics, Overview},
 };
 
 /// The kind of the text.
@@ -23,6 +23,9 @@ pub(super) fn metrics_text(observer: &Observer, overview: Option<&Overview>) -> 
     counters(&mut rows, observer.metrics());
     engine(&mut rows, observer);
     load(&mut rows, observer);
+    if let Some(counters) = &observer.metrics().bus {
+        bus(&mut rows, counters);
+    }
     if let Some(overview) = overview {
         present(&mut rows, overview);
     }
@@ -105,6 +108,37 @@ fn load(rows: &mut Rows, observer: &Observer) {
         .map(|kind| (vec![("transport", kind)], of.get(kind).copied().unwrap_or_default() as f64));
     rows.gauges("connections", "Clients that are connected, by transport", kinds.to_vec());
     rows.gauge("handshakes", "Handshakes under way", handshakes);
+}
+
+fn bus(rows: &mut Rows, counters: &BusCounters) {
+    let received = counters.received_by_kind().map(|(kind, tally)| ("in", kind, tally));
+    let sent = counters.sent_by_kind().map(|(kind, tally)| ("out", kind, tally));
+    let all: Vec<_> = received.chain(sent).collect();
+    let labels = |way: &'static str, kind: &'static str| vec![("direction", way), ("kind", kind)];
+    let messages = all.iter().map(|(way, kind, tally)| (labels(way, kind), tally.messages as f64));
+    let help = "Messages from and to other stations, by direction and kind";
+    rows.counters("bus_messages", help, messages.collect());
+    let bytes = all.iter().map(|(way, kind, tally)| (labels(way, kind), tally.bytes as f64));
+    rows.counters("bus_bytes", "Bytes of these messages, without what NATS adds", bytes.collect());
+    let dropped = counters.dropped_by_reason().map(|(why, n)| (vec![("reason", why)], n as f64));
+    rows.counters("bus_dropped", "Parcels of messages that were dropped", dropped.collect());
+    let now = counters.stats();
+    let is_connected = if now.is_connected { 1.0 } else { 0.0 };
+    rows.gauge("bus_connected", "Whether the bus is there", is_connected);
+    rows.gauge("bus_delay_seconds", "The longest way to another station", now.delay_ms / 1e3);
+    let stations = [("heard", now.stations), ("cut", now.cut)];
+    let stations = stations.map(|(state, n)| (vec![("state", state)], n as f64)).to_vec();
+    rows.gauges(
+        "bus_stations",
+        "Other stations: those that take part, and those cut off",
+        stations,
+    );
+    let live = now.guests_live;
+    let guests = [("live", live), ("quiet", now.guests.saturating_sub(live))];
+    let guests = guests.map(|(state, n)| (vec![("state", state)], n as f64)).to_vec();
+    rows.gauges("bus_guests", "Known avatars of other stations, by state", guests);
+    rows.gauge("bus_sectors", "Sectors of the building", now.sectors as f64);
+    rows.gauge("bus_sectors_subscribed", "Sectors subscribed to", now.subscribed as f64);
 }
 
 fn present(rows: &mut Rows, overview: &Overview) {

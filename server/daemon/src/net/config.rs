@@ -101,6 +101,15 @@ documented! {
         /// A world file of at least this many bytes is also handed out in pieces, of which a
         /// visitor needs few to see what is around it. A smaller one arrives as a whole at once.
         pieces_from_bytes: u64,
+        /// The bus on which this server is one of several in the building:
+        /// `nats://[USER:PASSWORD@]HOST[:PORT]` or `tls://…` of a NATS server; a server alone when
+        /// there is none.
+        bus: Option<String>,
+        /// A file of NATS credentials for the bus.
+        bus_credentials: Option<PathBuf>,
+        /// The UDP address by which visitors of other servers on the bus come here when theirs is
+        /// lost; that of `listen` when there is none, if it is a certain one.
+        bus_address: Option<SocketAddr>,
         /// The building or world file to serve; the demo building when there is none.
         world: Option<PathBuf>,
         /// Limits on what peers may take.
@@ -193,6 +202,9 @@ impl Default for ServeConfig {
             chat_days: 0,
             data: None,
             pieces_from_bytes: 512 * 1_024,
+            bus: None,
+            bus_credentials: None,
+            bus_address: None,
             world: None,
             limits: Limits::default(),
         }

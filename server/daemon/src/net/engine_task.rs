@@ -33,7 +33,10 @@ use super::{
     served_world::ServedWorld,
     survey::Survey,
 };
-use crate::operate::{Metrics, Stages};
+use crate::{
+    bus::engine_end::EngineEnd,
+    operate::{Metrics, Stages},
+};
 
 /// How often the engine is told the clients' round trips.
 const ROUND_TRIP_INTERVAL: Duration = Duration::from_secs(1);
@@ -117,6 +120,8 @@ pub struct EngineTask {
     /// What engines before this one counted.
     counted: Stats,
     places: PlaceNotes,
+    /// The bus to other stations, if there is one.
+    bus: Option<EngineEnd>,
     /// Kept from tick to tick for its memory only.
     outputs: Vec<Output>,
 }
@@ -131,6 +136,7 @@ impl EngineTask {
         load: Arc<Load>,
         metrics: Arc<Metrics>,
         places: PlaceNotes,
+        bus: Option<EngineEnd>,
     ) -> Self {
         Self {
             clients: BTreeMap::new(),
@@ -150,6 +156,7 @@ impl EngineTask {
             metrics,
             counted: Stats::default(),
             places,
+            bus,
             outputs: Vec::new(),
         }
     }
@@ -218,17 +225,28 @@ impl EngineTask {
         // No more than these, or a flood of events would hold the tick up.
         for _ in 0..self.limits.events_max {
             match events.try_recv() {
-                Ok(TimedEvent { at, event }) => self.take(at, event),
+                Ok(TimedEvent { at, event }) => {
+                    self.hear_bus(self.started + at);
+                    self.take(at, event);
+                }
                 Err(TryRecvError::Empty) => break,
                 Err(TryRecvError::Disconnected) => return false,
             }
         }
+        self.hear_bus(Instant::now());
         let now = self.now();
         for _ in 0..self.limits.joins_per_tick {
             let Some(newcomer) = self.newcomers.pop_front() else { break };
             self.enter(now, newcomer);
         }
         true
+    }
+
+    /// Takes in what other stations have said up to a moment.
+    fn hear_bus(&mut self, until: Instant) {
+        if let (Some(bus), Some(engine)) = (&mut self.bus, &mut self.engine) {
+            bus.hear(engine, self.started, until);
+        }
     }
 
     fn take(&mut self, at: Duration, event: EngineEvent) {
@@ -304,6 +322,10 @@ impl EngineTask {
         self.clients.clear();
         let ticks = self.engine.as_ref().map_or(0, |engine| engine.ticks());
         self.counted += self.engine.as_ref().map_or(Stats::default(), |engine| engine.stats());
+        let engine = match &mut self.bus {
+            Some(bus) => bus.begin(*engine, world.id()),
+            None => *engine,
+        };
         let mut engine = engine.counting_from(ticks);
         engine.set_sight_test_budget(self.sight_test_budget / self.pace.factor());
         self.engine = Some(Box::new(engine));
@@ -333,6 +355,7 @@ impl EngineTask {
         let Some(engine) = self.engine.as_mut().filter(|_| may_enter) else { return };
         // The handshake has measured the round trip already.
         let round_trip = client.transport.round_trip();
+        self.offers.tell_of_stations(&client);
         self.clients.insert(avatar, client);
         visit.enter();
         let is_back = engine.state(avatar).is_some();
@@ -357,6 +380,9 @@ impl EngineTask {
         let mut outputs = std::mem::take(&mut self.outputs);
         debug_assert!(outputs.is_empty(), "every output was handed out");
         engine.tick(now, &mut outputs);
+        if let Some(bus) = &mut self.bus {
+            bus.say(engine);
+        }
         let ticked = begin.elapsed();
         for output in outputs.drain(..) {
             if let Some(client) = self.clients.get(&output.to()) {

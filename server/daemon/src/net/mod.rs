@@ -59,7 +59,7 @@ use std::{
 
 use quinn::{Endpoint, VarInt};
 use sightline_engine::Engine;
-use sightline_protocol::fingerprint::Fingerprint;
+use sightline_protocol::{fingerprint::Fingerprint, message::StationAddress};
 use tokio::{
     sync::{mpsc, watch},
     task::JoinHandle,
@@ -82,6 +82,7 @@ pub(crate) use transport::VISIT_PATH;
 pub use web_door::WebDoor;
 
 use crate::{
+    bus::{Bus, BusLink},
     operate::{Metrics, ServerStats},
     people::{DatabaseError, People},
 };
@@ -147,6 +148,8 @@ pub struct Server {
     /// Cuts worlds into pieces.
     cutting: JoinHandle<()>,
     engine: JoinHandle<()>,
+    /// The bus to other stations, and who tells clients of these.
+    bus: Option<(BusLink, JoinHandle<()>)>,
     /// Becomes true when the engine's thread is to end.
     stop: Arc<AtomicBool>,
 }
@@ -162,7 +165,7 @@ impl Server {
         config: ServeConfig,
         identity: &Identity,
     ) -> Result<Self, BindError> {
-        Self::start(Some(world), config, identity)
+        Self::start(Some(world), config, identity, None)
     }
 
     /// Listens on the configured address. Clients are told to wait until
@@ -171,13 +174,27 @@ impl Server {
     /// # Errors
     /// When the configuration is out of range, the certificate is unusable or the address is taken.
     pub fn listen(config: ServeConfig, identity: &Identity) -> Result<Self, BindError> {
-        Self::start(None, config, identity)
+        Self::start(None, config, identity, None)
+    }
+
+    /// As [`Server::listen`], as a station on a bus: its visitors meet those of the other stations
+    /// that serve the same world.
+    ///
+    /// # Errors
+    /// When the configuration is out of range, the certificate is unusable or the address is taken.
+    pub fn listen_on_bus(
+        config: ServeConfig,
+        identity: &Identity,
+        bus: Bus,
+    ) -> Result<Self, BindError> {
+        Self::start(None, config, identity, Some(bus))
     }
 
     fn start(
         world: Option<ServedWorld>,
         config: ServeConfig,
         identity: &Identity,
+        bus: Option<Bus>,
     ) -> Result<Self, BindError> {
         config.check()?;
         let certificates = Arc::new(Certificates::new(&config, identity)?);
@@ -186,11 +203,15 @@ impl Server {
         let started = Instant::now();
         let (events, received) = mpsc::channel(config.limits.events_max);
         let (close, closing) = watch::channel(false);
-        let (metrics, offers) = (Arc::new(Metrics::default()), Arc::new(Offers::default()));
+        let (end, link) = bus.map(|bus| (bus.end, bus.link)).unzip();
+        let station = link.as_ref().map(BusLink::station);
+        let metrics = Arc::new(Metrics::new(link.as_ref().map(BusLink::counters)));
+        let offers = Arc::new(Offers::default());
         let load = Arc::new(Load::new(config.limits.entering_max));
         let (told, counted) = (load.clone(), metrics.clone());
         let places = PlaceNotes::new(people.clone());
-        let mut task = EngineTask::new(&config, offers.clone(), started, told, counted, places);
+        let mut task =
+            EngineTask::new(&config, offers.clone(), started, told, counted, places, end);
         if let Some(world) = world {
             let engine = Engine::new(world.world().clone(), config.engine());
             task.change(Box::new(engine), world);
@@ -198,7 +219,7 @@ impl Server {
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
         let engine = tokio::task::spawn_blocking(move || task.run(received, &stopped));
-        let registry = Arc::new(Mutex::new(Registry::new(&config)));
+        let registry = Arc::new(Mutex::new(Registry::new(&config, station)));
         let state = Arc::new(ServerState {
             config,
             offers,
@@ -216,6 +237,13 @@ impl Server {
         let from_bytes = state.config.pieces_from_bytes;
         let cutting = tokio::spawn(served_pieces::cut_offered(state.offers.offers(), from_bytes));
         let fingerprint = identity.fingerprint();
+        let bus = link.map(|link| {
+            if let Some(address) = address_for_others(&state.config, &endpoint) {
+                link.tell_address(StationAddress { address, fingerprint });
+            }
+            let telling = tokio::spawn(tell_stations(link.addresses(), state.offers.clone()));
+            (link, telling)
+        });
         Ok(Self {
             endpoint,
             fingerprint,
@@ -227,6 +255,7 @@ impl Server {
             accepting,
             cutting,
             engine,
+            bus,
             stop,
         })
     }
@@ -303,7 +332,24 @@ impl Server {
         self.endpoint.close(VarInt::from_u32(0), b"the server is closing");
         self.accepting.abort();
         self.cutting.abort();
+        self.bus.iter().for_each(|(_, telling)| telling.abort());
         self.stop.store(true, Relaxed);
+    }
+}
+
+/// Where visitors of other stations reach this one; `None` where only this machine knows.
+fn address_for_others(config: &ServeConfig, endpoint: &Endpoint) -> Option<SocketAddr> {
+    let own = endpoint.local_addr().ok().filter(|own| !own.ip().is_unspecified());
+    config.bus_address.or(own)
+}
+
+/// Tells clients of other stations, whenever there are others.
+async fn tell_stations(mut addresses: watch::Receiver<Vec<StationAddress>>, offers: Arc<Offers>) {
+    loop {
+        offers.tell_stations(&addresses.borrow_and_update());
+        if addresses.changed().await.is_err() {
+            return;
+        }
     }
 }
 

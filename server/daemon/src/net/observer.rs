@@ -89,6 +89,7 @@ impl Observer {
             clients,
             totals: metrics.traffic.traffic().totals(),
             refused: metrics.refusals.total(),
+            bus: metrics.bus.as_ref().map(|bus| bus.stats()),
             process: ProcessUse::now(),
             people,
         })

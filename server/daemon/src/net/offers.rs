@@ -7,7 +7,10 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use sightline_protocol::{message::ServerMessage, text::ChatLine};
+use sightline_protocol::{
+    message::{STATIONS_TOLD_MAX, ServerMessage, StationAddress},
+    text::ChatLine,
+};
 use tokio::sync::watch;
 
 use super::{admission::ConnectionId, client::ConnectedClient, served_world::ServedWorld};
@@ -42,12 +45,15 @@ struct Audience {
     clients: BTreeMap<ConnectionId, Arc<ConnectedClient>>,
     /// What the server does until it has a world.
     loading: ChatLine,
+    /// Where visitors reach other stations.
+    stations: Vec<StationAddress>,
 }
 
 impl Default for Offers {
     fn default() -> Self {
         let loading = ChatLine::clipped(LOADING);
-        let audience = Mutex::new(Audience { clients: BTreeMap::new(), loading });
+        let audience =
+            Mutex::new(Audience { clients: BTreeMap::new(), loading, stations: Vec::new() });
         Self { audience, offer: watch::Sender::new(None) }
     }
 }
@@ -63,6 +69,24 @@ impl Offers {
             Some(offer) => offer.message(),
             None => ServerMessage::Loading { what: audience.loading.clone() },
         });
+    }
+
+    /// Tells a client of other stations, if there are any.
+    pub fn tell_of_stations(&self, client: &ConnectedClient) {
+        let audience = self.audience();
+        if !audience.stations.is_empty() {
+            client.outbox.push(&some_of(&audience.stations, client));
+        }
+    }
+
+    /// Tells all clients of other stations.
+    pub fn tell_stations(&self, stations: &[StationAddress]) {
+        let mut audience = self.audience();
+        if audience.stations != stations {
+            audience.stations = stations.to_vec();
+            let Audience { clients, stations, .. } = &*audience;
+            clients.values().for_each(|client| client.outbox.push(&some_of(stations, client)));
+        }
     }
 
     /// A client has left.
@@ -105,4 +129,12 @@ impl Offers {
         // Hold it only for a moment: every session needs it.
         self.audience.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// As many of the stations as a client is told of. Each client begins elsewhere in the list, so that
+/// those of a station that is lost do not all go to the same one.
+fn some_of(stations: &[StationAddress], client: &ConnectedClient) -> ServerMessage {
+    let first = client.connection_id.0 as usize % stations.len().max(1);
+    let others = stations.iter().cycle().skip(first).take(stations.len().min(STATIONS_TOLD_MAX));
+    ServerMessage::Stations { others: others.copied().collect() }
 }

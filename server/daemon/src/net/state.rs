@@ -7,6 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use sightline_engine::StationId;
 use tokio::sync::{mpsc, watch};
 
 use super::{
@@ -58,8 +59,8 @@ pub struct Registry {
 }
 
 impl Registry {
-    /// The registry of a server without connections.
-    pub fn new(config: &ServeConfig) -> Self {
+    /// The registry of a server, or of a station, without connections.
+    pub fn new(config: &ServeConfig, station: Option<StationId>) -> Self {
         let limits = PlaceLimits {
             per_network: config.clients_per_address_max,
             joining_per_network: config.limits.joining_per_address_max,
@@ -70,7 +71,7 @@ impl Registry {
             clients: HashMap::new(),
             visitors: Visitors::default(),
             places: Places::new(limits),
-            ids: AvatarIds::new(config.connections_max()),
+            ids: AvatarIds::new(config.connections_max(), station),
             names: Names::default(),
             log: LogLimits::new(config.limits.log_lines_per_s, config.limits.log_networks_max),
             connections: 0,

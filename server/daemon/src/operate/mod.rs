@@ -3,6 +3,8 @@
 //! Sessions count with atomic numbers of their own and of the server. No lock is shared by all of
 //! them.
 
+#[cfg_attr(not(feature = "bus"), allow(dead_code, reason = "only NATS carries what is counted"))]
+mod bus;
 mod histogram;
 mod overview;
 mod process;
@@ -12,12 +14,17 @@ mod traffic;
 
 use std::{
     collections::BTreeMap,
-    sync::atomic::{AtomicU64, Ordering::Relaxed},
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering::Relaxed},
+    },
 };
 
 use serde::{Deserialize, Serialize};
 use sightline_world::motion::ReportingState;
 
+pub use bus::BusStats;
+pub(crate) use bus::{BusCounters, BusDrop, BusGauges};
 pub use histogram::Histogram;
 pub use overview::{
     ClientCounts, Overview, Person, PersonState, Place, Prism, Sight, StageSums, Totals, WorldName,
@@ -38,10 +45,17 @@ pub(crate) struct Metrics {
     pub(crate) refusals: Refusals,
     /// How long ticks take.
     pub(crate) ticks: TickMetrics,
+    /// Messages from and to other stations, where there is a bus.
+    pub(crate) bus: Option<Arc<BusCounters>>,
     engine_faults: AtomicU64,
 }
 
 impl Metrics {
+    /// Counters of a server, on a bus or not.
+    pub(crate) fn new(bus: Option<Arc<BusCounters>>) -> Self {
+        Self { bus, ..Self::default() }
+    }
+
     /// Takes in that the engine panicked.
     pub(crate) fn count_engine_fault(&self) {
         self.engine_faults.fetch_add(1, Relaxed);

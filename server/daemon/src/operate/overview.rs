@@ -4,7 +4,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use sightline_world::geometry::{Aabb, Axes};
 
-use super::{OverloadStats, ProcessUse, TickSummary};
+use super::{BusStats, OverloadStats, ProcessUse, TickSummary};
 use crate::people::Role;
 
 /// A server at one time.
@@ -29,6 +29,8 @@ pub struct Overview {
     /// How often a peer was refused something since the start: a limit was reached, or the peer did
     /// what no client does.
     pub refused: u64,
+    /// What it has to do with other servers of the building; `None` where there is no bus.
+    pub bus: Option<BusStats>,
     /// What the process has used; `None` where the system does not tell.
     pub process: Option<ProcessUse>,
     /// The clients, by avatar.

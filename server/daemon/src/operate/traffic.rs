@@ -31,18 +31,18 @@ impl Tally {
 
 /// A tally that many tasks add to.
 #[derive(Debug, Default)]
-struct SharedTally {
+pub(super) struct SharedTally {
     messages: AtomicU64,
     bytes: AtomicU64,
 }
 
 impl SharedTally {
-    fn add(&self, more: Tally) {
+    pub(super) fn add(&self, more: Tally) {
         self.messages.fetch_add(more.messages, Relaxed);
         self.bytes.fetch_add(more.bytes, Relaxed);
     }
 
-    fn tally(&self) -> Tally {
+    pub(super) fn tally(&self) -> Tally {
         Tally { messages: self.messages.load(Relaxed), bytes: self.bytes.load(Relaxed) }
     }
 }

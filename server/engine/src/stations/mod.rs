@@ -56,6 +56,11 @@ impl Stations {
         Self { own: Some(own), ..Self::default() }
     }
 
+    /// Begins links with numbers above this one, which no link of an engine before had.
+    pub(crate) fn count_from(&mut self, epochs: u32) {
+        self.epochs = self.epochs.max(epochs);
+    }
+
     /// Whether there is another station.
     pub(crate) fn are_several(&self) -> bool {
         !self.links.is_empty()

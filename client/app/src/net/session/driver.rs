@@ -38,6 +38,12 @@ const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
 /// The time within which the last messages must arrive.
 pub(super) const FAREWELL_DEADLINE: Duration = Duration::from_secs(2);
 
+/// A client that can go to another server asks after this silence whether its own is there, and
+/// then so often. Without an answer for so long it goes.
+const SILENT_MAX: Duration = Duration::from_secs(1);
+const ASK_INTERVAL: Duration = Duration::from_millis(400);
+const UNANSWERED_MAX: Duration = Duration::from_secs(2);
+
 /// Why a session ended whose client was told to leave.
 const LEFT: &str = "left";
 
@@ -61,6 +67,49 @@ pub(super) struct Driver {
     shared: Arc<SharedState>,
     /// Brings the pieces of the world, where it comes in pieces.
     carrying: JoinSet<ConnectError>,
+    silence: Silence,
+}
+
+/// For how long nothing has come from the server.
+struct Silence {
+    /// How many UDP datagrams came on the connection.
+    received: u64,
+    /// When the last of them came, as far as it was noticed.
+    heard: Instant,
+    /// When the client first asked since whether the server is there, and when it last did.
+    asked: Option<[Instant; 2]>,
+}
+
+/// What to do about a silence.
+enum SilenceStep {
+    /// Nothing yet.
+    Wait,
+    /// Send something that the server acknowledges.
+    Ask,
+    /// The server is lost.
+    GiveUp,
+}
+
+impl Silence {
+    fn new() -> Self {
+        Self { received: 0, heard: Instant::now(), asked: None }
+    }
+
+    /// Takes in how many UDP datagrams came so far.
+    fn note(&mut self, now: Instant, received: u64) -> SilenceStep {
+        if self.received != received {
+            *self = Self { received, heard: now, asked: None };
+        }
+        match self.asked {
+            Some([first, _]) if now >= first + UNANSWERED_MAX => SilenceStep::GiveUp,
+            Some([_, last]) if now < last + ASK_INTERVAL => SilenceStep::Wait,
+            None if now < self.heard + SILENT_MAX => SilenceStep::Wait,
+            asked => {
+                self.asked = Some([asked.map_or(now, |[first, _]| first), now]);
+                SilenceStep::Ask
+            }
+        }
+    }
 }
 
 impl Driver {
@@ -71,7 +120,8 @@ impl Driver {
         cache: Arc<WorldCache>,
         shared: Arc<SharedState>,
     ) -> Self {
-        Self { control, caller, cache, shared, carrying: JoinSet::new() }
+        let (carrying, silence) = (JoinSet::new(), Silence::new());
+        Self { control, caller, cache, shared, carrying, silence }
     }
 
     /// Begins to bring the pieces of an offered world, and ends with those of the one before.
@@ -168,9 +218,11 @@ impl Driver {
         pauses: &mut Pauses,
         give_up: Instant,
     ) -> Result<(), ConnectError> {
+        self.caller.others = self.shared.lock().presence.stations().to_vec();
         let welcomed = self.caller.call(pauses, give_up).await?;
         let Welcomed { control, avatar, tick_interval } = welcomed;
         self.control = control;
+        self.silence = Silence::new();
         let ArrivedOffer { number, world, pieces } = self.offered(None).await?;
         let enters = {
             let mut state = self.shared.lock();
@@ -267,6 +319,7 @@ impl Driver {
     /// Takes the client through the tick that was due at a moment, which may be a while ago.
     async fn tick(&mut self, due: Instant) -> Result<(), ConnectError> {
         let stats = self.control.connection.stats();
+        self.look_for_server(stats.udp_rx.datagrams)?;
         let outgoing = {
             let mut state = self.shared.lock();
             let now = self.shared.now();
@@ -289,6 +342,28 @@ impl Driver {
         }
     }
 
+    /// Notices early that the server is lost, where there is another one to go to.
+    fn look_for_server(&mut self, received: u64) -> Result<(), ConnectError> {
+        let step = self.silence.note(Instant::now(), received);
+        let state = self.shared.lock();
+        if state.presence.stations().is_empty() {
+            return Ok(());
+        }
+        match step {
+            SilenceStep::Wait => {}
+            SilenceStep::Ask => {
+                let bytes = state.presence.replica.probe();
+                self.shared.count_sent(bytes.len());
+                // One that cannot be sent says that the connection has ended, as its reader hears.
+                let _ = self.control.connection.send_datagram(bytes.into());
+            }
+            SilenceStep::GiveUp => {
+                return Err(ConnectError::Lost("the server does not answer".to_owned()));
+            }
+        }
+        Ok(())
+    }
+
     async fn send(&mut self, message: &ClientMessage) -> Result<(), ConnectError> {
         let bytes = self.control.sender.send(message).await?;
         self.shared.count_sent(bytes);
@@ -299,4 +374,25 @@ impl Driver {
 /// Waits until the session is told to leave. Anything else is dropped meanwhile: nobody hears.
 async fn told_to_leave(inbox: &mut mpsc::Receiver<SessionCommand>) {
     while let Some(SessionCommand::Say(_) | SessionCommand::Respawn) = inbox.recv().await {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_server_is_lost_when_it_does_not_answer_and_not_because_the_client_slept() {
+        let start = Instant::now();
+        let at = |ms: u64| start + Duration::from_millis(ms);
+        let mut silence = Silence { received: 0, heard: start, asked: None };
+        let mut step = |ms: u64, received: u64| match silence.note(at(ms), received) {
+            SilenceStep::Wait => "wait",
+            SilenceStep::Ask => "ask",
+            SilenceStep::GiveUp => "give up",
+        };
+        assert_eq!((step(900, 5), step(1_800, 5), step(1_950, 5)), ("wait", "wait", "ask"));
+        assert_eq!((step(2_100, 5), step(2_400, 5), step(2_450, 6)), ("wait", "ask", "wait"));
+        assert_eq!((step(60_000, 6), step(60_100, 6)), ("ask", "wait"), "it slept");
+        assert_eq!((step(61_000, 6), step(62_100, 6)), ("ask", "give up"));
+    }
 }
