@@ -14,7 +14,7 @@ use crate::{
     bus::{StationId, StationOutput},
     claims::ClaimLimits,
     config::{Config, Policy},
-    interest::{self, Explanation, Facts, SightBudget, Snapshot},
+    interest::{self, CertificateInputs, Explanation, SightBudget, Snapshot},
     messages::{Input, Output},
     population::{KnownCourse, Population, Profile},
     regions::Indices,
@@ -22,8 +22,8 @@ use crate::{
     slot::Slot,
     stations::Stations,
     stats::{Counts, Stats},
+    tick_context::TickContext,
     timing::Horizons,
-    view::View,
     worker_pool::{WorkerPool, Workspace},
 };
 
@@ -181,21 +181,21 @@ impl Engine {
     fn update_interest(&mut self, outputs: &mut Vec<Output>) {
         let Self { building, config, horizons, stations, population, pool, indices, .. } = self;
         let (now, tick, rounds) = (self.now, self.tick, self.rounds);
-        let view = View { building, config, horizons, stations, now, tick, rounds };
-        let mut snapshot = Snapshot::take(view, population);
+        let context = TickContext { building, config, horizons, stations, now, tick, rounds };
+        let mut snapshot = Snapshot::take(context, population);
         if config.policy.uses_cells() {
-            snapshot.update_regions(view, pool, &mut indices.coarse);
-            interest::update_pairs(view, pool, &indices.coarse, &mut snapshot);
+            snapshot.update_regions(context, pool, &mut indices.coarse);
+            interest::update_pairs(context, pool, &indices.coarse, &mut snapshot);
         }
-        let mut facts = Facts::new(view, &snapshot);
+        let mut inputs = CertificateInputs::new(context, &snapshot);
         if config.policy.uses_cells() {
             let budget = &mut self.sight_budget;
-            let ticks = interest::test_pairs(view, pool, &facts, &mut snapshot, budget);
-            facts.queue_for(ticks);
+            let ticks = interest::test_pairs(context, pool, &inputs, &mut snapshot, budget);
+            inputs.queue_for(ticks);
         }
-        let told = interest::notify(view, pool, &facts, &mut snapshot);
-        let distances = snapshot.distances(view.rounds);
-        interest::find_nearest(population, view.rounds, &distances);
+        let told = interest::notify(context, pool, &inputs, &mut snapshot);
+        let distances = snapshot.distances(context.rounds);
+        interest::update_nearest(population, context.rounds, &distances);
         interest::count_watchers(population, &told);
         outputs.extend(told);
     }
@@ -222,9 +222,17 @@ impl Engine {
         self.now
     }
 
-    pub(crate) fn view(&self) -> View<'_> {
+    pub(crate) fn context(&self) -> TickContext<'_> {
         let Self { building, config, horizons, stations, now, tick, rounds, .. } = self;
-        View { building, config, horizons, stations, now: *now, tick: *tick, rounds: *rounds }
+        TickContext {
+            building,
+            config,
+            horizons,
+            stations,
+            now: *now,
+            tick: *tick,
+            rounds: *rounds,
+        }
     }
 
     /// What changes when avatars are silenced, asked and woken.
@@ -232,7 +240,7 @@ impl Engine {
         let Self { building, config, horizons, stations, now, tick, rounds, .. } = self;
         let (now, tick, rounds) = (*now, *tick, *rounds);
         Silencing {
-            view: View { building, config, horizons, stations, now, tick, rounds },
+            context: TickContext { building, config, horizons, stations, now, tick, rounds },
             population: &mut self.population,
             indices: &mut self.indices,
             deadlines: &mut self.deadlines,
@@ -249,7 +257,7 @@ impl Engine {
     /// Why a viewer is told of an avatar, or is not, as of the last tick; `None` when one of the
     /// two is not present.
     pub fn explain(&self, viewer: AvatarId, avatar: AvatarId) -> Option<Explanation> {
-        interest::explain(self.view(), &self.population, viewer, avatar)
+        interest::explain(self.context(), &self.population, viewer, avatar)
     }
 
     /// The avatars that a viewer's client has been told of, by id.
@@ -271,7 +279,7 @@ impl Engine {
     /// Until when an avatar's client is taken to have said, by its silence, that its avatar is on
     /// course; `None` when it is taken to have said nothing since its last report.
     pub fn known_course(&self, avatar: AvatarId) -> Option<KnownCourse> {
-        self.population.find(avatar).and_then(|avatar| avatar.known_course(self.view()))
+        self.population.find(avatar).and_then(|avatar| avatar.known_course(self.context()))
     }
 
     /// By how much a viewer may be shown an avatar at a distance off the course that its client
@@ -293,7 +301,7 @@ impl Engine {
         let known = self.population.find(avatar)?;
         let near_course = || {
             let (axes, agility) = (*self.building.axes(), &self.building.agility);
-            let silent = self.now.saturating_sub(known.heard).min(known.course_for);
+            let silent = self.now.saturating_sub(known.heard_at).min(known.course_for);
             let course = known.pose.on_course(silent, agility);
             let way = Aabb::from_points([known.pose.eye, course.eye].map(|eye| axes.own(eye)));
             let within = way.grown(agility.speed_max * ON_ITS_WAY_S);
@@ -310,7 +318,7 @@ impl Engine {
     /// When the last accepted pose of an avatar came in, on the clock of the station that the
     /// avatar belongs to.
     pub fn heard(&self, avatar: AvatarId) -> Option<Duration> {
-        self.population.find(avatar).map(|avatar| avatar.heard)
+        self.population.find(avatar).map(|avatar| avatar.heard_at)
     }
 
     /// The round trip of an avatar's client that the engine was told last.

@@ -150,8 +150,8 @@ mod stations;
 mod stats;
 #[cfg(test)]
 mod tests;
+mod tick_context;
 mod timing;
-mod view;
 mod worker_pool;
 
 pub use bus::{

@@ -18,25 +18,25 @@ pub(crate) struct Pair {
     pub(crate) id: AvatarId,
     pub(crate) slot: Slot,
     /// By their coarse regions, the avatar may be visible to the viewer.
-    pub(crate) concerns: bool,
+    pub(crate) is_candidate: bool,
     /// The viewer's client has been told of the avatar.
     pub(crate) is_held: bool,
     /// The first tick at which the client may be told that the avatar is out of sight.
     pub(crate) held_until: u32,
     /// The newest accepted pose of the avatar that need not be told any more.
-    pub(crate) version: Generation,
+    pub(crate) told_version: Generation,
     /// The course that was told last: the pose at a tick.
     pub(crate) told: Pose,
     pub(crate) told_tick: u32,
     pub(crate) sight: SightResult,
     /// Cells of these regions see each other.
-    pub(crate) seen: Option<RegionVersions>,
-    /// Gates, cells and rooms left it open between these regions.
-    pub(crate) open: Option<RegionVersions>,
+    pub(crate) cells_see_for: Option<RegionVersions>,
+    /// Gates, cells and rooms did not decide it between these regions.
+    pub(crate) gates_undecided_for: Option<RegionVersions>,
     /// The first tick at which gates and cells are asked again.
-    pub(crate) gates_from: u32,
+    pub(crate) gates_again_at: u32,
     /// The first tick at which regions with a large margin are tried again.
-    pub(crate) margin_from: u32,
+    pub(crate) large_margin_again_at: u32,
 }
 
 impl Pair {
@@ -44,23 +44,23 @@ impl Pair {
         Self {
             id: member.id,
             slot: member.slot,
-            concerns: true,
+            is_candidate: true,
             is_held: false,
             held_until: 0,
-            version: Generation::default(),
+            told_version: Generation::default(),
             told: Pose::default(),
             told_tick: 0,
             sight: SightResult::Unknown,
-            seen: None,
-            open: None,
-            gates_from: 0,
-            margin_from: 0,
+            cells_see_for: None,
+            gates_undecided_for: None,
+            gates_again_at: 0,
+            large_margin_again_at: 0,
         }
     }
 
     /// Forgets what sight tests have found.
     pub(crate) fn forget(&mut self) {
-        (self.sight, self.gates_from) = (SightResult::Unknown, 0);
+        (self.sight, self.gates_again_at) = (SightResult::Unknown, 0);
     }
 }
 
@@ -101,7 +101,7 @@ impl SightResult {
     }
 
     /// Whether a test has found that the two may see each other.
-    pub(crate) fn is_open(&self) -> bool {
+    pub(crate) fn may_see(&self) -> bool {
         matches!(self, Self::Undecided { .. } | Self::Together | Self::Free(_))
     }
 }

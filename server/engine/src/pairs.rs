@@ -33,15 +33,15 @@ pub(crate) enum Grounds {
     /// All lines are blocked, but it is not known for how long.
     HiddenNow,
     /// The two may see each other. What the avatar's client reports may have to be told.
-    Open,
-    /// As [`Grounds::Open`], for as long as both are in one convex space.
+    MaySee,
+    /// As [`Grounds::MaySee`], for as long as both are in one convex space.
     Together,
 }
 
 impl Grounds {
     /// Whether the two may see each other.
-    pub(crate) fn is_open(self) -> bool {
-        matches!(self, Self::Open | Self::Together)
+    pub(crate) fn may_see(self) -> bool {
+        matches!(self, Self::MaySee | Self::Together)
     }
 }
 
@@ -99,7 +99,7 @@ impl Pairs {
     pub(crate) fn start(&mut self, member: Member) {
         match self.position(member.id) {
             Ok(at) => {
-                self.all[at].concerns = true;
+                self.all[at].is_candidate = true;
                 self.certificates[at].until = 0;
             }
             Err(at) => {
@@ -112,7 +112,7 @@ impl Pairs {
     /// Ends a pair. A pair that the client still holds stays until the client is told.
     pub(crate) fn end(&mut self, id: AvatarId) {
         if let Ok(at) = self.position(id) {
-            self.all[at].concerns = false;
+            self.all[at].is_candidate = false;
             self.certificates[at].until = 0;
             if !self.all[at].is_held {
                 self.take(at);
@@ -127,9 +127,9 @@ impl Pairs {
 
     /// Removes the pairs that do not concern the viewer any more.
     pub(crate) fn remove_ended(&mut self) {
-        let mut concerns = self.all.iter().map(|pair| pair.concerns);
-        self.certificates.retain(|_| concerns.next().unwrap_or(false));
-        self.all.retain(|pair| pair.concerns);
+        let mut is_candidate = self.all.iter().map(|pair| pair.is_candidate);
+        self.certificates.retain(|_| is_candidate.next().unwrap_or(false));
+        self.all.retain(|pair| pair.is_candidate);
     }
 
     /// Makes and ends pairs, so that the viewer is paired with just these avatars, which are by id.
@@ -144,10 +144,10 @@ impl Pairs {
             while let Some(new) = found.next_if(|member| member.id < pair.id) {
                 self.push(Pair::new(new), Certificate::ended(new.slot));
             }
-            let concerns = found.next_if(|member| member.id == pair.id).is_some();
-            if concerns || pair.is_held {
-                let until = if concerns == pair.concerns { certificate.until } else { 0 };
-                self.push(Pair { concerns, ..pair }, Certificate { until, ..certificate });
+            let is_candidate = found.next_if(|member| member.id == pair.id).is_some();
+            if is_candidate || pair.is_held {
+                let until = if is_candidate == pair.is_candidate { certificate.until } else { 0 };
+                self.push(Pair { is_candidate, ..pair }, Certificate { until, ..certificate });
             }
         }
         found.for_each(|new| self.push(Pair::new(new), Certificate::ended(new.slot)));

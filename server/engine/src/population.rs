@@ -18,8 +18,8 @@ use crate::{
     slot::{Member, Slot},
     sphere::Sphere,
     stations::{Guest, Relay, RelayKey, RelayOrder},
+    tick_context::TickContext,
     timing::{Arrivals, LastKnown, Link},
-    view::View,
 };
 
 /// Ages are rounded up to steps, and a tick has this number of steps. So the regions of an avatar
@@ -38,7 +38,7 @@ pub(crate) struct Avatar {
     pub(crate) pose: Pose,
     /// When the client made the report of that pose, on its own clock; `None` where the server
     /// itself put the avatar there, so that the client follows no course yet.
-    pub(crate) made: Option<Duration>,
+    pub(crate) report_made: Option<Duration>,
     /// For how long the course may be followed: until walls are in its way, or the client is
     /// overdue.
     pub(crate) course_for: Duration,
@@ -49,7 +49,7 @@ pub(crate) struct Avatar {
     /// Whether the last tick's snapshot does not have the last accepted pose.
     pub(crate) has_news: bool,
     /// When the last accepted pose arrived.
-    pub(crate) heard: Duration,
+    pub(crate) heard_at: Duration,
     pub(crate) round_trip: Duration,
     pub(crate) arrivals: Arrivals,
     pub(crate) budget: MovementBudget,
@@ -71,14 +71,14 @@ pub(crate) struct Avatar {
     /// What its client was told last, and what that means.
     pub(crate) orders: Orders,
     /// When its client was last told to be live.
-    pub(crate) ordered: Duration,
+    pub(crate) ordered_at: Duration,
     /// The distance to the nearest viewer that holds the avatar, in metres; infinite while nobody
     /// does. Found anew every few ticks.
     pub(crate) nearest_m: f32,
     /// The distance to the nearest of the viewers that were looked at since then.
-    pub(crate) next_nearest_m: f32,
+    pub(crate) nearest_m_so_far: f32,
     /// The engine does not try to silence the avatar before this.
-    pub(crate) silence_from: Duration,
+    pub(crate) silence_again_at: Duration,
     /// Where the avatar can be, as the index of live or of hidden footprints has it.
     pub(crate) footprint: HiddenFootprint,
     /// The box of eye positions that `footprint` was made for, in own axes; `None` while hidden,
@@ -142,17 +142,17 @@ impl Avatar {
     }
 
     /// What is known of how the avatar moves, at the present tick.
-    pub(crate) fn motion(&self, view: View<'_>) -> Motion {
-        let View { building, now, .. } = view;
-        let known = self.last_known(view);
-        let (pose, tolerance) = match self.course_until(&known, view) {
+    pub(crate) fn motion(&self, context: TickContext<'_>) -> Motion {
+        let TickContext { building, now, .. } = context;
+        let known = self.last_known(context);
+        let (pose, tolerance) = match self.course_until(&known, context) {
             Some(KnownCourse { pose, tolerance, .. }) => (pose, tolerance.along(&pose)),
             None => (self.pose, Tolerance::NONE),
         };
         Motion {
             pose,
             from: building.axes().own(pose.eye),
-            age: rounded_up(known.age, view.config.tick / AGE_PARTS),
+            age: rounded_up(known.age, context.config.tick / AGE_PARTS),
             tolerance,
             walk: self.walk,
             round_trip: self.round_trip,
@@ -161,8 +161,8 @@ impl Avatar {
     }
 
     /// The present time of those who hear its client, and how long ago that is.
-    fn clock(&self, view: View<'_>) -> (Duration, Duration) {
-        self.guest.map_or((view.now, Duration::ZERO), |guest| (guest.until, guest.age))
+    fn clock(&self, context: TickContext<'_>) -> (Duration, Duration) {
+        self.guest.map_or((context.now, Duration::ZERO), |guest| (guest.until, guest.age))
     }
 
     pub(crate) fn is_guest(&self) -> bool {
@@ -195,26 +195,26 @@ impl Avatar {
     }
 
     /// What the silence of the client means at the present tick; `None` while it means nothing.
-    pub(crate) fn known_course(&self, view: View<'_>) -> Option<KnownCourse> {
-        self.course_until(&self.last_known(view), view)
+    pub(crate) fn known_course(&self, context: TickContext<'_>) -> Option<KnownCourse> {
+        self.course_until(&self.last_known(context), context)
     }
 
-    fn course_until(&self, known: &LastKnown, view: View<'_>) -> Option<KnownCourse> {
+    fn course_until(&self, known: &LastKnown, context: TickContext<'_>) -> Option<KnownCourse> {
         let after = known.after;
-        let pose = || self.pose.on_course(after, &view.building.agility);
+        let pose = || self.pose.on_course(after, &context.building.agility);
         let tolerance = self.orders.in_force();
         (!after.is_zero()).then(|| KnownCourse { pose: pose(), after, tolerance })
     }
 
     /// The last moment at which the avatar is known to have been on its course.
-    fn last_known(&self, view: View<'_>) -> LastKnown {
-        let View { config, horizons, .. } = view;
-        let (now, late) = self.clock(view);
+    fn last_known(&self, context: TickContext<'_>) -> LastKnown {
+        let TickContext { config, horizons, .. } = context;
+        let (now, late) = self.clock(context);
         let one_way = horizons.one_way(self.round_trip);
         let margin = self.arrivals.margin();
         // An absent avatar stands by the server's word.
-        let silence = if self.is_absent { Duration::ZERO } else { now.saturating_sub(self.heard) };
-        let Some(made) = self.made.filter(|_| self.orders.is_understood()) else {
+        let silence = if self.is_absent { Duration::ZERO } else { now.saturating_sub(self.heard_at) };
+        let Some(made) = self.report_made.filter(|_| self.orders.is_understood()) else {
             return LastKnown { after: Duration::ZERO, age: silence + one_way + margin + late };
         };
         let known = self.arrivals.last_known(now, made, config.tick);
@@ -225,25 +225,25 @@ impl Avatar {
 
     /// The pose that viewers are told at the present tick: where the avatar was when its client
     /// made what arrives now, if it is on course.
-    pub(crate) fn shown(&self, view: View<'_>) -> Pose {
-        let agility = &view.building.agility;
-        let now = self.clock(view).0;
-        let after = self.made.map_or(Duration::ZERO, |made| self.arrivals.after(now, made));
+    pub(crate) fn shown(&self, context: TickContext<'_>) -> Pose {
+        let agility = &context.building.agility;
+        let now = self.clock(context).0;
+        let after = self.report_made.map_or(Duration::ZERO, |made| self.arrivals.after(now, made));
         let pose = self.pose.on_course(after.min(self.course_for), agility);
         Pose { velocity: agility.sustained(pose.velocity), ..pose }
     }
 
     /// For how long the [shown](Avatar::shown) pose goes on as it does. Afterwards it stands.
-    pub(crate) fn shown_for(&self, view: View<'_>) -> Duration {
-        let now = self.clock(view).0;
-        let after = self.made.map(|made| self.arrivals.after(now, made));
+    pub(crate) fn shown_for(&self, context: TickContext<'_>) -> Duration {
+        let now = self.clock(context).0;
+        let after = self.report_made.map(|made| self.arrivals.after(now, made));
         after.map_or(Duration::ZERO, |after| self.course_for.saturating_sub(after))
     }
 
     /// For how long the client may be silent before it is asked.
-    pub(crate) fn patience(&self, view: View<'_>) -> Duration {
-        let View { config, horizons, .. } = view;
-        if self.made.is_none() || !self.orders.is_understood() {
+    pub(crate) fn patience(&self, context: TickContext<'_>) -> Duration {
+        let TickContext { config, horizons, .. } = context;
+        if self.report_made.is_none() || !self.orders.is_understood() {
             return config.stall;
         }
         let late = self.arrivals.margin() + horizons.one_way(self.round_trip);
@@ -265,14 +265,14 @@ impl Avatar {
         debug_assert!(self.watchers > 0, "who holds an avatar is counted");
         self.watchers -= 1;
         if self.watchers == 0 {
-            (self.nearest_m, self.next_nearest_m) = (f32::INFINITY, f32::INFINITY);
+            (self.nearest_m, self.nearest_m_so_far) = (f32::INFINITY, f32::INFINITY);
         }
     }
 
     /// Takes in how far away a viewer is that holds the avatar, in metres.
     pub(crate) fn see_from(&mut self, away_m: f32) {
         self.nearest_m = self.nearest_m.min(away_m);
-        self.next_nearest_m = self.next_nearest_m.min(away_m);
+        self.nearest_m_so_far = self.nearest_m_so_far.min(away_m);
     }
 }
 

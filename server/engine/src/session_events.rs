@@ -36,7 +36,7 @@ impl Avatar {
         building: &Building,
         tick: Duration,
     ) -> Option<OnCourse> {
-        let made = self.made.filter(|_| self.orders.is_understood())?;
+        let made = self.report_made.filter(|_| self.orders.is_understood())?;
         let ticks = report.made.as_nanos().saturating_sub(1) / tick.as_nanos().max(1);
         let last_tick = tick * u32::try_from(ticks).unwrap_or(u32::MAX);
         let after = last_tick.checked_sub(made).filter(|after| *after <= self.course_for)?;
@@ -50,7 +50,7 @@ impl Avatar {
     /// Where the silence of a live client has put its avatar by its last tick before a report: on
     /// its course, and at the end of it after that.
     fn course_before(&self, report: &Report, building: &Building, tick: Duration) -> Option<Vec3> {
-        let made = self.made.filter(|_| self.is_live())?;
+        let made = self.report_made.filter(|_| self.is_live())?;
         let after = report.made.saturating_sub(made).saturating_sub(tick).min(self.course_for);
         Some(self.pose.on_course(after, &building.agility).eye)
     }
@@ -112,10 +112,10 @@ impl Engine {
             sealed: building.rooms.sealed_rooms_at(pose.eye),
             version: Generation::default(),
             has_news: true,
-            heard: now,
+            heard_at: now,
             round_trip,
             arrivals: Arrivals::new(self.config.margin),
-            made: None,
+            report_made: None,
             course_for: Duration::ZERO,
             budget: MovementBudget::new(now),
             walk: building.walkways.state_at(&building.world, building.axes().own(pose.eye)),
@@ -127,10 +127,10 @@ impl Engine {
             unanswered: 0,
             asked_round: 0,
             orders: Orders::default(),
-            ordered: now,
+            ordered_at: now,
             nearest_m: f32::INFINITY,
-            next_nearest_m: f32::INFINITY,
-            silence_from: now,
+            nearest_m_so_far: f32::INFINITY,
+            silence_again_at: now,
             footprint: HiddenFootprint::default(),
             footprint_box: None,
             reveal_box: Aabb::EMPTY,
@@ -174,7 +174,7 @@ impl Engine {
         self.tell_leave(slot);
         let silencing = self.silencing();
         let coarse = &mut silencing.indices.coarse;
-        end_pairs(silencing.view, silencing.population, coarse, slot, silencing.pending);
+        end_pairs(silencing.context, silencing.population, coarse, slot, silencing.pending);
         self.deadlines.cancel(id);
         let Some((slot, gone)) = self.population.remove(id) else { return };
         if !gone.is_guest() {
@@ -220,7 +220,7 @@ impl Engine {
             ClaimVerdict::Refused { correct } => {
                 stats.refusals += 1;
                 // The client is not on the course that is known.
-                avatar.made = None;
+                avatar.report_made = None;
                 if correct {
                     pending.push(Output::Correct { to: id, pose: avatar.pose });
                 }
@@ -245,7 +245,7 @@ impl Engine {
         let late = report.map_or(Duration::ZERO, |r| avatar.arrivals.lateness(now, r.made));
         let arrival = Arrival { now, late };
         avatar.consistency.check(arrival, avatar.pose, silent.as_ref(), &building.agility, slack);
-        avatar.made = report.map(|report| report.made);
+        avatar.report_made = report.map(|report| report.made);
         report.iter().for_each(|report| avatar.orders.hear(report.orders));
         let (from, course) = (building.axes().own(pose.eye), avatar.pose);
         let at = |time| building.axes().own(course.on_course(time, &building.agility).eye);
@@ -256,14 +256,14 @@ impl Engine {
         avatar.has_news = true;
         avatar.area = building.partition.area_of(&building.world, avatar.area, pose.eye);
         avatar.sealed = building.rooms.sealed_rooms_at(pose.eye);
-        avatar.heard = now;
+        avatar.heard_at = now;
         avatar.unanswered = 0;
         let id = avatar.id;
         match (avatar.state, avatar.tbv) {
             (ReportingState::Quiet, Some(tbv)) => self.silencing().hear_quiet(slot, &tbv),
             (ReportingState::Quiet | ReportingState::Asked, _) => self.silencing().wake(slot),
             (ReportingState::Live, _) => {
-                let patience = self.population.at(slot).patience(self.view());
+                let patience = self.population.at(slot).patience(self.context());
                 self.deadlines.wait(now, id, patience);
             }
         }
@@ -299,7 +299,7 @@ impl Engine {
     /// Lets an avatar stand where it is until its client comes back.
     pub(crate) fn part(&mut self, now: Duration, id: AvatarId) {
         let Some(slot) = self.population.slot(id) else { return };
-        let shown = self.population.at(slot).shown(self.view());
+        let shown = self.population.at(slot).shown(self.context());
         self.put(now, slot, standing(shown));
         self.population.at_mut(slot).is_absent = true;
         self.relay(slot);
@@ -320,7 +320,7 @@ impl Engine {
         avatar.is_absent = false;
         avatar.budget = MovementBudget::new(now);
         avatar.arrivals = Arrivals::new(margin);
-        (avatar.orders, avatar.ordered, avatar.unanswered) = (Orders::default(), now, 0);
+        (avatar.orders, avatar.ordered_at, avatar.unanswered) = (Orders::default(), now, 0);
         let held = avatar.pairs.release();
         held.into_iter().for_each(|other| self.population.at_mut(other).lose_watcher());
         self.deadlines.wait(now, id, self.config.stall);

@@ -17,8 +17,8 @@ use crate::{
     regions::MotionBound,
     slot::{Member, Slot},
     stations::{Guest, Receipt, Relay, RelayOrder},
+    tick_context::TickContext,
     timing::Arrivals,
-    view::View,
 };
 
 /// An avatar that cannot be where another station subscribes any more stays announced for so long.
@@ -193,8 +193,8 @@ impl Engine {
         let Self { building, population, .. } = self;
         let avatar = population.at_mut(slot);
         avatar.pose = report.pose;
-        avatar.made = report.made;
-        avatar.heard = report.heard;
+        avatar.report_made = report.made;
+        avatar.heard_at = report.heard;
         avatar.course_for = report.course_for.min(KEEP_ALIVE);
         avatar.walk = WalkState::relayed(report.space, report.is_stuck);
         avatar.arrivals = Arrivals::relayed(&report.lags);
@@ -418,9 +418,9 @@ impl Engine {
                 made: None,
                 space: None,
                 tolerance: Tolerance::NONE,
-                ..report_of(avatar, orders, self.view())
+                ..report_of(avatar, orders, self.context())
             },
-            None => report_of(avatar, orders, self.view()),
+            None => report_of(avatar, orders, self.context()),
         };
         let Profile { name, colour } = avatar.profile.clone();
         let word = StationWord::Announce { avatar: avatar.id, name, colour, stay, report };
@@ -447,9 +447,9 @@ impl Engine {
         let (now, key) = (self.now(), avatar.relay_key(self.now()));
         let mut told: Vec<(StationId, u32)> = Vec::new();
         let leaves = avatar.relays.iter().any(|relay| matches!(relay.order, RelayOrder::Quiet(_)));
-        let motion = leaves.then(|| avatar.motion(self.view()));
+        let motion = leaves.then(|| avatar.motion(self.context()));
         // The host may have put it behind a wall, in the same box.
-        let was_put = avatar.made.is_none();
+        let was_put = avatar.report_made.is_none();
         let is_left = |stay: &Stay| {
             let Some(motion) = motion.as_ref().filter(|_| !was_put) else { return true };
             if self.config.faults.station == Some(StationFault::LeavingUnsaid) {
@@ -476,7 +476,7 @@ impl Engine {
         }
         for (station, orders) in told {
             let avatar = self.population.at(slot);
-            let report = report_of(avatar, orders, self.view());
+            let report = report_of(avatar, orders, self.context());
             self.stations.send(now, station, StationWord::Report { avatar: avatar.id, report });
         }
     }
@@ -515,14 +515,14 @@ fn check_stay(stay: &Stay) -> Option<()> {
 }
 
 /// What another station is told of an avatar.
-fn report_of(avatar: &Avatar, orders: u32, view: View<'_>) -> GuestReport {
+fn report_of(avatar: &Avatar, orders: u32, context: TickContext<'_>) -> GuestReport {
     let (space, is_stuck) = avatar.walk.parts();
-    let key = avatar.relay_key(view.now);
+    let key = avatar.relay_key(context.now);
     GuestReport {
         orders,
         pose: avatar.pose,
-        made: avatar.made,
-        heard: avatar.heard,
+        made: avatar.report_made,
+        heard: avatar.heard_at,
         course_for: avatar.course_for,
         tolerance: key.tolerance,
         space,

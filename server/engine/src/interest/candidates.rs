@@ -16,7 +16,7 @@ use crate::{
     population::Population,
     regions::{CoarseRegion, OccupantIndex, RegionFootprint},
     slot::{Member, Slot},
-    view::View,
+    tick_context::TickContext,
     worker_pool::{WorkerPool, Workspace},
 };
 
@@ -30,14 +30,14 @@ struct Moved {
 
 /// What the search for candidates reads.
 struct Candidates<'a> {
-    view: View<'a>,
+    context: TickContext<'a>,
     index: &'a OccupantIndex,
     live: &'a LiveAvatars<'a>,
 }
 
 /// Makes and ends pairs after coarse regions have changed.
 pub(crate) fn update_pairs(
-    view: View<'_>,
+    context: TickContext<'_>,
     pool: &WorkerPool,
     index: &OccupantIndex,
     snapshot: &mut Snapshot<'_>,
@@ -48,7 +48,7 @@ pub(crate) fn update_pairs(
         .filter(|(_, avatar)| avatar.has_moved())
         .map(|(index, _)| Moved { index, met: Vec::new() })
         .collect();
-    let candidates = Candidates { view, index, live };
+    let candidates = Candidates { context, index, live };
     pool.each(&mut moved, |workspace, _, moved| {
         moved.met = candidates.met_by(workspace, moved.index, pairs[moved.index]);
     });
@@ -78,7 +78,7 @@ impl Candidates<'_> {
         let mut found: Vec<Member> = Vec::new();
         let all = self.live.all();
         let Some(coarse) = all[index].regions.coarse() else { return found };
-        let building = self.view.building;
+        let building = self.context.building;
         let Workspace { seen_by_eyes, seeing_bodies, .. } = workspace;
         seen_by_eyes.clear();
         seeing_bodies.clear();
@@ -96,7 +96,7 @@ impl Candidates<'_> {
                 return false;
             }
             // What gates leave open between smaller regions they leave open between coarse ones.
-            let is_open = |pair: &Pair| pair.concerns && !pair.sight.is_surely_hidden();
+            let is_open = |pair: &Pair| pair.is_candidate && !pair.sight.is_surely_hidden();
             if own.get(member.id).is_some_and(is_open) {
                 return true;
             }
@@ -113,8 +113,8 @@ impl Candidates<'_> {
         one: &CoarseRegion,
         other: &CoarseRegion,
     ) -> bool {
-        let building = self.view.building;
-        let has_budget = self.view.config.sight_test_budget > 0;
+        let building = self.context.building;
+        let has_budget = self.context.config.sight_test_budget > 0;
         let Workspace { sight, seen_by_eyes, seeing_bodies, .. } = workspace;
         let cells = building.cells();
         let mut may_see = |eyes: &RegionFootprint, bodies: &RegionFootprint| {
@@ -139,7 +139,7 @@ fn replace_pairs(
     debug_assert!(found.is_sorted_by(|one, other| one < other), "an avatar is found once");
     let member = live.all()[index].member;
     let old = &pairs[index];
-    let is_known = |id: AvatarId| old.get(id).is_some_and(|pair| pair.concerns);
+    let is_known = |id: AvatarId| old.get(id).is_some_and(|pair| pair.is_candidate);
     let others_with = |slots: &mut dyn Iterator<Item = Slot>| -> Vec<usize> {
         let others = slots.map(|slot| live.index(slot));
         others.filter(|other| !live.all()[*other].has_moved()).collect()
@@ -147,7 +147,7 @@ fn replace_pairs(
     let new = found.iter().filter(|other| !is_known(other.id));
     let started = others_with(&mut new.map(|other| other.slot));
     let is_gone = |pair: &&Pair| {
-        pair.concerns && found.binary_search(&Member { id: pair.id, slot: pair.slot }).is_err()
+        pair.is_candidate && found.binary_search(&Member { id: pair.id, slot: pair.slot }).is_err()
     };
     let ended = others_with(&mut old.iter().filter(is_gone).map(|pair| pair.slot));
     pairs[index].match_to(found);
@@ -167,7 +167,7 @@ pub(crate) fn forget_results(population: &mut Population, slot: Slot) {
 /// Ends all pairs with an avatar that leaves or is silenced, and removes its live regions. Clients
 /// that hold it are told at the next tick.
 pub(crate) fn end_pairs(
-    view: View<'_>,
+    context: TickContext<'_>,
     population: &mut Population,
     index: &mut OccupantIndex,
     slot: Slot,
@@ -179,7 +179,7 @@ pub(crate) fn end_pairs(
         index.remove(Member { id, slot }, &coarse.cells);
     }
     avatar.regions = Default::default();
-    let viewers: Vec<Slot> = if view.config.policy.uses_cells() {
+    let viewers: Vec<Slot> = if context.config.policy.uses_cells() {
         avatar.pairs.iter().map(|pair| pair.slot).collect()
     } else {
         population.live().collect()

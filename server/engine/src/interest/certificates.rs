@@ -16,7 +16,7 @@ use crate::{
     population::{Avatar, Population},
     regions::RegionKind,
     slot::Slot,
-    view::View,
+    tick_context::TickContext,
 };
 
 /// The most pairs that are looked at in each tick although nothing has changed. With more pairs,
@@ -26,7 +26,7 @@ const LOOKS: usize = 1_500;
 const INTERVAL_MAX: usize = 8;
 
 /// What certificates rest on, by slot, side by side.
-pub(crate) struct Facts {
+pub(crate) struct CertificateInputs {
     tick: u32,
     /// How many ticks an open pair waits for the next look.
     pub(super) interval: u32,
@@ -36,43 +36,43 @@ pub(crate) struct Facts {
     has_rules: bool,
     /// How many ticks too late certificates end, by an injected fault.
     late: u32,
-    avatars: Vec<Fact>,
+    avatars: Vec<AvatarInputs>,
     /// For each slot, the versions of all its cached regions, by kind.
     versions: Vec<[Generation; RegionMargin::COUNT]>,
     kinds: usize,
 }
 
 #[derive(Clone, Copy, Default)]
-struct Fact {
+struct AvatarInputs {
     /// The space that the avatar is in.
     home: Option<u32>,
     /// Whether there is a new pose of the avatar.
     has_news: bool,
 }
 
-impl Facts {
+impl CertificateInputs {
     /// The facts of a tick.
-    pub(crate) fn new(view: View<'_>, snapshot: &Snapshot<'_>) -> Self {
+    pub(crate) fn new(context: TickContext<'_>, snapshot: &Snapshot<'_>) -> Self {
         let Snapshot { live, pairs } = snapshot;
         let pairs: usize = pairs.iter().map(|pairs| pairs.len()).sum();
         let kinds = live.all().first().map_or(0, |avatar| avatar.regions.kinds());
-        let mut facts = Self {
-            tick: view.tick,
+        let mut inputs = Self {
+            tick: context.tick,
             interval: pairs.div_ceil(LOOKS).clamp(1, INTERVAL_MAX) as u32,
             queue: 1,
-            has_rules: view.building.rooms.can_rule_out(),
-            late: view.config.faults.certificates_late,
-            avatars: vec![Fact::default(); live.slots()],
+            has_rules: context.building.rooms.can_rule_out(),
+            late: context.config.faults.certificates_late,
+            avatars: vec![AvatarInputs::default(); live.slots()],
             versions: vec![Default::default(); live.slots() * kinds],
             kinds,
         };
         for LiveAvatar { member, regions, has_news, .. } in live.all() {
             let slot = member.slot.0 as usize;
-            facts.avatars[slot] = Fact { home: regions.home(), has_news: *has_news };
-            let versions = &mut facts.versions[slot * kinds..][..kinds];
+            inputs.avatars[slot] = AvatarInputs { home: regions.home(), has_news: *has_news };
+            let versions = &mut inputs.versions[slot * kinds..][..kinds];
             versions.iter_mut().zip(regions.versions()).for_each(|(to, from)| *to = from);
         }
-        facts
+        inputs
     }
 
     /// Takes in for how many ticks pairs may have to wait for a sight test, at least one.
@@ -83,7 +83,7 @@ impl Facts {
 
     /// Ends the certificates of a viewer that do not hold any more.
     pub(super) fn end(&self, viewer: &LiveAvatar<'_>, pairs: &mut Pairs) {
-        let Fact { home, has_news } = self.avatars[viewer.member.slot.0 as usize];
+        let AvatarInputs { home, has_news } = self.avatars[viewer.member.slot.0 as usize];
         let shown = viewer.regions.shown();
         let has_other_seals = has_news && self.has_rules;
         for certificate in pairs.certificates_mut() {
@@ -95,13 +95,13 @@ impl Facts {
                     certificate.eyes == eyes
                         && certificate.bodies == self.version(slot, shown, margin)
                 }
-                Grounds::HiddenNow | Grounds::Open => true,
+                Grounds::HiddenNow | Grounds::MaySee => true,
                 Grounds::Together => home.is_some() && home == other().home,
             };
             if !holds {
                 certificate.until = certificate.until.min(self.tick + self.late);
             }
-            if has_other_seals || grounds.is_open() && other().has_news {
+            if has_other_seals || grounds.may_see() && other().has_news {
                 certificate.tell = self.tick;
             }
         }
@@ -114,7 +114,7 @@ impl Facts {
     /// The next certificate of a pair, and when something may have to be told, if there is no news
     /// before.
     pub(super) fn renewed(&self, last: &Certificate, pair: &Pair, tell: u32) -> Certificate {
-        if last.until > self.tick && last.grounds.is_open() != pair.sight.is_hidden() {
+        if last.until > self.tick && last.grounds.may_see() != pair.sight.is_hidden() {
             return Certificate { tell, ..*last };
         }
         let later = self.tick + self.interval;
@@ -126,13 +126,13 @@ impl Facts {
             }
             SightResult::HiddenIn(_) => (Grounds::HiddenNow, 0),
             SightResult::Together => (Grounds::Together, u32::MAX),
-            SightResult::Free(_) => (Grounds::Open, later),
+            SightResult::Free(_) => (Grounds::MaySee, later),
             SightResult::Undecided { again, .. } if again > self.tick => {
-                (Grounds::Open, again.min(later))
+                (Grounds::MaySee, again.min(later))
             }
             // The budget did not suffice for all. Those that wait come back one after the other.
             SightResult::Undecided { .. } | SightResult::Unknown => {
-                (Grounds::Open, self.tick + 1 + pair.slot.0 % self.queue)
+                (Grounds::MaySee, self.tick + 1 + pair.slot.0 % self.queue)
             }
         };
         Certificate {

@@ -12,7 +12,7 @@ use crate::{
     pair::{Pair, SightResult},
     population::{Avatar, Population},
     regions::{RegionFootprint, RegionKind},
-    view::View,
+    tick_context::TickContext,
 };
 
 /// What the engine knows about a viewer and an avatar. Boxes and lines are in the building's own
@@ -66,16 +66,16 @@ pub enum Reason {
 
 /// Explains the last tick's decision; `None` when one of the two is not present.
 pub(crate) fn explain(
-    view: View<'_>,
+    context: TickContext<'_>,
     population: &Population,
     viewer: AvatarId,
     avatar: AvatarId,
 ) -> Option<Explanation> {
     let (from, to) = (population.find(viewer)?, population.find(avatar)?);
     let pair = from.pairs.get(avatar);
-    let delay = view.horizons.delay(from.round_trip);
+    let delay = context.horizons.delay(from.round_trip);
     let boxes = |avatar: &Avatar, kind: RegionKind| {
-        avatar.regions.known_cover(kind, &view.building.body).boxes().to_vec()
+        avatar.regions.known_cover(kind, &context.building.body).boxes().to_vec()
     };
     Some(Explanation {
         viewer: from.state,
@@ -85,21 +85,26 @@ pub(crate) fn explain(
         is_held: pair.is_some_and(|pair| pair.is_held),
         eyes: boxes(from, RegionKind::EYES),
         bodies: boxes(to, to.regions.bodies(delay)),
-        is_doubted: !to.consistency.is_consistent(view.now),
-        reason: reason(view, from, to, pair),
+        is_doubted: !to.consistency.is_consistent(context.now),
+        reason: reason(context, from, to, pair),
     })
 }
 
-fn reason(view: View<'_>, viewer: &Avatar, avatar: &Avatar, pair: Option<&Pair>) -> Reason {
+fn reason(
+    context: TickContext<'_>,
+    viewer: &Avatar,
+    avatar: &Avatar,
+    pair: Option<&Pair>,
+) -> Reason {
     match pair {
-        _ if !view.config.policy.uses_cells() => Reason::Policy,
+        _ if !context.config.policy.uses_cells() => Reason::Policy,
         _ if !viewer.is_live() || !avatar.is_live() => Reason::Silence,
         _ if !viewer.sealed.agrees(&avatar.sealed) => Reason::Sealed,
-        _ if is_ruled_out(view, viewer, avatar) => Reason::Rooms,
+        _ if is_ruled_out(context, viewer, avatar) => Reason::Rooms,
         None => Reason::Cells,
         Some(Pair { sight: SightResult::Free(line), .. }) => Reason::Free(*line),
         Some(Pair { sight: SightResult::Together, .. }) => {
-            let [from, to] = [viewer, avatar].map(|a| view.building.axes().own(a.pose.eye));
+            let [from, to] = [viewer, avatar].map(|a| context.building.axes().own(a.pose.eye));
             Reason::Free(SightLine { from, to })
         }
         Some(Pair { sight: SightResult::Unknown | SightResult::Undecided { .. }, .. }) => {
@@ -113,11 +118,11 @@ fn reason(view: View<'_>, viewer: &Avatar, avatar: &Avatar, pair: Option<&Pair>)
 }
 
 /// Whether rooms alone keep a viewer from being told of an avatar.
-fn is_ruled_out(view: View<'_>, viewer: &Avatar, avatar: &Avatar) -> bool {
-    let bodies = avatar.regions.bodies(view.horizons.delay(viewer.round_trip));
+fn is_ruled_out(context: TickContext<'_>, viewer: &Avatar, avatar: &Avatar) -> bool {
+    let bodies = avatar.regions.bodies(context.horizons.delay(viewer.round_trip));
     let eyes = footprint(viewer, RegionKind::EYES);
     let footprints = eyes.zip(footprint(avatar, bodies));
-    footprints.is_some_and(|(eyes, bodies)| !eyes.rooms_allow(bodies, &view.building.rooms))
+    footprints.is_some_and(|(eyes, bodies)| !eyes.rooms_allow(bodies, &context.building.rooms))
 }
 
 /// The footprint of a region, or of the coarse region if the closer one was not computed.

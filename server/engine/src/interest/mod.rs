@@ -12,9 +12,9 @@ mod sight_tests;
 mod snapshot;
 
 pub(crate) use candidates::{end_pairs, forget_results, update_pairs};
-pub(crate) use certificates::{Facts, find_stale};
+pub(crate) use certificates::{CertificateInputs, find_stale};
 pub(crate) use explain::explain;
 pub use explain::{Explanation, Reason};
-pub(crate) use notify::{count_watchers, find_nearest, notify};
+pub(crate) use notify::{count_watchers, notify, update_nearest};
 pub(crate) use sight_tests::{SightBudget, test_pairs};
 pub(crate) use snapshot::Snapshot;

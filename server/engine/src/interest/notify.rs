@@ -6,7 +6,7 @@ use glam::Vec3;
 use sightline_world::motion::{ACUITY_DISTANCES, AvatarId, COURSE_MAX, Pose, turn_between};
 
 use super::{
-    certificates::Facts,
+    certificates::CertificateInputs,
     snapshot::{LiveAvatar, LiveAvatars, Snapshot, is_in_turn},
 };
 use crate::{
@@ -17,15 +17,15 @@ use crate::{
     pairs::Pairs,
     population::Population,
     slot::{Member, Slot},
-    view::View,
+    tick_context::TickContext,
     worker_pool::WorkerPool,
 };
 
 /// Decides what each live viewer is told, and returns it by viewer.
 pub(crate) fn notify(
-    view: View<'_>,
+    context: TickContext<'_>,
     pool: &WorkerPool,
-    facts: &Facts,
+    inputs: &CertificateInputs,
     snapshot: &mut Snapshot<'_>,
 ) -> Vec<Output> {
     let Snapshot { live, pairs } = snapshot;
@@ -34,11 +34,11 @@ pub(crate) fn notify(
         if viewer.is_guest {
             return;
         }
-        if !view.config.policy.uses_cells() {
-            pairs.match_to(told_without_cells(view, live, viewer));
+        if !context.config.policy.uses_cells() {
+            pairs.match_to(told_without_cells(context, live, viewer));
         }
         let poses = &mut workspace.poses;
-        Notifier { view, facts, live, viewer }.notify(pairs, poses, outputs);
+        Notifier { context, inputs, live, viewer }.notify(pairs, poses, outputs);
     });
     outputs.sort_by_key(Output::to);
     outputs
@@ -62,10 +62,10 @@ pub(crate) fn count_watchers(population: &mut Population, outputs: &[Output]) {
 }
 
 /// Takes in how far away some viewers are from the avatars that they hold, by the avatars' slots.
-pub(crate) fn find_nearest(population: &mut Population, round: u32, distances: &[(Slot, f32)]) {
+pub(crate) fn update_nearest(population: &mut Population, round: u32, distances: &[(Slot, f32)]) {
     for (slot, avatar) in (0..).map(Slot).zip(population.slots_mut()) {
         if let Some(avatar) = avatar.filter(|_| is_in_turn(slot, round)) {
-            avatar.nearest_m = std::mem::replace(&mut avatar.next_nearest_m, f32::INFINITY);
+            avatar.nearest_m = std::mem::replace(&mut avatar.nearest_m_so_far, f32::INFINITY);
         }
     }
     for (slot, away_m) in distances {
@@ -75,8 +75,8 @@ pub(crate) fn find_nearest(population: &mut Population, round: u32, distances: &
 
 /// Tells one viewer what has changed.
 struct Notifier<'a> {
-    view: View<'a>,
-    facts: &'a Facts,
+    context: TickContext<'a>,
+    inputs: &'a CertificateInputs,
     live: &'a LiveAvatars<'a>,
     viewer: &'a LiveAvatar<'a>,
 }
@@ -89,58 +89,58 @@ impl Notifier<'_> {
         poses: &mut Vec<(AvatarId, Pose)>,
         outputs: &mut Vec<Output>,
     ) {
-        let Self { view, viewer, .. } = *self;
+        let Self { context, viewer, .. } = *self;
         let to = viewer.member.id;
         poses.clear();
         let mut has_ended = false;
         let crowd = pairs.len();
         for at in 0..pairs.len() {
-            if !pairs.is_due(at, view.tick) {
+            if !pairs.is_due(at, context.tick) {
                 continue;
             }
             let (pair, certificate) = pairs.at_mut(at);
             let avatar = self.live.at(pair.slot);
             let is_hidden = pair.sight.is_hidden();
             if !is_hidden {
-                pair.held_until = view.tick + view.config.hold_ticks;
-            } else if certificate.grounds.is_open() {
-                pair.held_until = view.tick - 1 + view.config.hold_ticks;
+                pair.held_until = context.tick + context.config.hold_ticks;
+            } else if certificate.grounds.may_see() {
+                pair.held_until = context.tick - 1 + context.config.hold_ticks;
             }
-            let is_kept = pair.is_held && view.tick < pair.held_until;
+            let is_kept = pair.is_held && context.tick < pair.held_until;
             // Sealed rooms apply to the last accepted places, whatever the regions say.
             let agrees = avatar.sealed.agrees(&viewer.sealed);
-            let wanted = pair.concerns && agrees && (!is_hidden || is_kept);
+            let wanted = pair.is_candidate && agrees && (!is_hidden || is_kept);
             let mut tell = u32::MAX;
             match (pair.is_held, wanted) {
                 // A viewer is told nothing of an avatar that it merely keeps, not even that it
                 // moved.
-                (true, true) if !is_hidden && avatar.version != pair.version => {
-                    match ticks_until_it_tells(view, viewer, avatar, pair, crowd) {
+                (true, true) if !is_hidden && avatar.version != pair.told_version => {
+                    match ticks_until_it_tells(context, viewer, avatar, pair, crowd) {
                         0 => {
-                            note_told(view, avatar, pair);
+                            note_told(context, avatar, pair);
                             poses.push((pair.id, avatar.shown));
                         }
-                        ticks => tell = view.tick.saturating_add(ticks),
+                        ticks => tell = context.tick.saturating_add(ticks),
                     }
                 }
                 (true, true) if is_hidden => tell = pair.held_until,
                 (true, false) => outputs.push(Output::Vanish { to, avatar: pair.id }),
                 (false, true) => {
-                    note_told(view, avatar, pair);
-                    outputs.push(appear(view, to, avatar));
+                    note_told(context, avatar, pair);
+                    outputs.push(appear(context, to, avatar));
                 }
                 (true, true) | (false, false) => {}
             }
             pair.is_held = wanted;
-            has_ended |= !pair.concerns;
-            *certificate = self.facts.renewed(certificate, pair, tell);
+            has_ended |= !pair.is_candidate;
+            *certificate = self.inputs.renewed(certificate, pair, tell);
         }
         if has_ended {
             pairs.remove_ended();
         }
         if !poses.is_empty() {
             let from = viewer.shown.eye;
-            outputs.push(Output::Poses { to, from, tick: view.tick, poses: poses.clone() });
+            outputs.push(Output::Poses { to, from, tick: context.tick, poses: poses.clone() });
         }
     }
 }
@@ -149,16 +149,16 @@ impl Notifier<'_> {
 /// at the soonest. Zero means that it can by now. `crowd` is the number of avatars that the viewer
 /// has to do with.
 fn ticks_until_it_tells(
-    view: View<'_>,
+    context: TickContext<'_>,
     viewer: &LiveAvatar<'_>,
     avatar: &LiveAvatar<'_>,
     pair: &Pair,
     crowd: usize,
 ) -> u32 {
-    let elapsed = view.config.tick * (view.tick - pair.told_tick);
+    let elapsed = context.config.tick * (context.tick - pair.told_tick);
     let (told, shown) = (pair.told.straight_on(elapsed), avatar.shown);
     let away_m = viewer.motion.from.distance(avatar.motion.from);
-    let acuity = Acuity::in_crowd(&view.building.world, away_m, crowd);
+    let acuity = Acuity::in_crowd(&context.building.world, away_m, crowd);
     let spare_m = acuity.metres - shown.eye.distance(told.eye);
     let turned = turn_between(told.yaw, shown.yaw).abs();
     let spare_radians = acuity.radians - turned.max((shown.pitch - told.pitch).abs());
@@ -178,28 +178,28 @@ fn ticks_until_it_tells(
     let ends = [shown_for, told_for].into_iter().filter(|time| !time.is_zero());
     let ends_s = ends.min().map_or(f32::INFINITY, |time| time.as_secs_f32());
     // Two that run towards each other tell more.
-    let closing = 2.0 * view.building.agility.speed_max / ACUITY_DISTANCES;
+    let closing = 2.0 * context.building.agility.speed_max / ACUITY_DISTANCES;
     let parting = told_velocity.distance(velocity);
     let turning = (told_yaw_rate - yaw_rate).abs();
     let closing_turn = closing * acuity.radians / acuity.metres;
     let seconds = (spare_m / (parting + closing)).min(spare_radians / (turning + closing_turn));
     // As a number of ticks it saturates.
-    ((seconds.min(ends_s) / view.config.tick.as_secs_f32()) as u32).saturating_add(1)
+    ((seconds.min(ends_s) / context.config.tick.as_secs_f32()) as u32).saturating_add(1)
 }
 
 /// Takes in that a viewer is told of an avatar's course.
-fn note_told(view: View<'_>, avatar: &LiveAvatar<'_>, pair: &mut Pair) {
-    pair.version = avatar.version;
-    (pair.told, pair.told_tick) = (avatar.shown, view.tick);
+fn note_told(context: TickContext<'_>, avatar: &LiveAvatar<'_>, pair: &mut Pair) {
+    pair.told_version = avatar.version;
+    (pair.told, pair.told_tick) = (avatar.shown, context.tick);
 }
 
 /// The avatars that a viewer is told of under a policy that knows no walls.
 fn told_without_cells(
-    view: View<'_>,
+    context: TickContext<'_>,
     live: &LiveAvatars<'_>,
     viewer: &LiveAvatar<'_>,
 ) -> Vec<Member> {
-    let (policy, partition) = (view.config.policy, &view.building.partition);
+    let (policy, partition) = (context.config.policy, &context.building.partition);
     let is_told = |avatar: &&LiveAvatar<'_>| {
         avatar.member != viewer.member
             && baselines::tells(policy, partition, viewer.location, avatar.location)
@@ -208,13 +208,13 @@ fn told_without_cells(
     live.all().iter().filter(is_told).map(|avatar| avatar.member).collect()
 }
 
-fn appear(view: View<'_>, to: AvatarId, avatar: &LiveAvatar<'_>) -> Output {
+fn appear(context: TickContext<'_>, to: AvatarId, avatar: &LiveAvatar<'_>) -> Output {
     Output::Appear {
         to,
         avatar: avatar.member.id,
         name: avatar.profile.name.clone(),
         colour: avatar.profile.colour,
         pose: avatar.shown,
-        tick: view.tick,
+        tick: context.tick,
     }
 }

@@ -12,14 +12,14 @@ use glam::Vec3;
 use sightline_visibility::box_visibility::SightLine;
 
 use super::{
-    certificates::Facts,
+    certificates::CertificateInputs,
     snapshot::{LiveAvatar, LiveAvatars, Snapshot, SortKey},
 };
 use crate::{
     pair::{EyeBoxes, Pair, RegionMargin, RegionVersions, SightResult},
     pairs::Pairs,
     regions::{BoxTest, LineEnd, RegionFootprint, RegionKind, scaled},
-    view::View,
+    tick_context::TickContext,
     worker_pool::{WorkerPool, Workspace},
 };
 
@@ -27,7 +27,7 @@ use crate::{
 /// further try waits twice as long.
 const UNDECIDED_TICKS: u32 = 8;
 /// The least wait before a pair that could not be decided is tested again, in
-/// [intervals](Facts::interval).
+/// [intervals](CertificateInputs::interval).
 const INTERVALS: u32 = 4;
 /// The most doublings of the wait of a pair that could not be decided.
 const WAITS_MAX: u32 = 3;
@@ -79,14 +79,14 @@ impl Default for SightBudget {
 
 /// A pair that must be tested.
 #[derive(Clone, Copy)]
-struct OpenPair {
+struct DuePair {
     /// The viewer's index in the snapshot.
     viewer: u32,
     /// The pair's index among the viewer's own.
     at: u32,
 }
 
-impl OpenPair {
+impl DuePair {
     fn of<'a>(&self, pairs: &'a [&mut Pairs]) -> &'a Pair {
         pairs[self.viewer as usize].at(self.at as usize)
     }
@@ -102,7 +102,7 @@ struct Tested {
 
 /// What sight tests read.
 struct SightTests<'a> {
-    view: View<'a>,
+    context: TickContext<'a>,
     live: &'a LiveAvatars<'a>,
     load: u32,
     thrift: u32,
@@ -115,47 +115,47 @@ struct SightTests<'a> {
 /// first. A hard pair gets no more than a few times an equal share. Where the budget does not
 /// suffice, later ticks go on. Returns for how many ticks it would have to suffice for all.
 pub(crate) fn test_pairs(
-    view: View<'_>,
+    context: TickContext<'_>,
     pool: &WorkerPool,
-    facts: &Facts,
+    inputs: &CertificateInputs,
     snapshot: &mut Snapshot<'_>,
     budget: &mut SightBudget,
 ) -> u32 {
     let Snapshot { live, pairs } = snapshot;
     let SightBudget { load, thrift, .. } = *budget;
-    let interval = facts.interval;
+    let interval = inputs.interval;
     let is_crowded = interval >= CROWDED_INTERVAL;
-    let tests = SightTests { view, live, load, thrift, interval, is_crowded };
-    let open = pool.gather(pairs, |workspace, index, pairs, open| {
+    let tests = SightTests { context, live, load, thrift, interval, is_crowded };
+    let due = pool.gather(pairs, |workspace, index, pairs, due| {
         let viewer = &live.all()[index];
         if viewer.is_guest {
             return;
         }
-        facts.end(viewer, pairs);
+        inputs.end(viewer, pairs);
         for at in 0..pairs.len() {
-            if !pairs.is_due(at, view.tick) {
+            if !pairs.is_due(at, context.tick) {
                 continue;
             }
             let (pair, certificate) = pairs.at_mut(at);
             let other = live.at(pair.slot);
-            if !pair.concerns {
+            if !pair.is_candidate {
                 continue;
             }
-            if certificate.until > view.tick {
+            if certificate.until > context.tick {
                 tests.check_cells(workspace, viewer, other, pair);
-            } else if tests.is_open(workspace, viewer, other, pair) {
-                open.push(OpenPair { viewer: index as u32, at: at as u32 });
+            } else if tests.try_cheap_tests(workspace, viewer, other, pair) {
+                due.push(DuePair { viewer: index as u32, at: at as u32 });
             }
         }
     });
-    let units = view.config.sight_test_budget;
-    let count = u32::try_from(open.len()).unwrap_or(u32::MAX);
+    let units = context.config.sight_test_budget;
+    let count = u32::try_from(due.len()).unwrap_or(u32::MAX);
     let wanted = u64::from(count) * u64::from(TEST_UNITS);
     let load = wanted / u64::from(units.max(1));
     budget.load = load.clamp(1, u64::from(UNDECIDED_TICKS)) as u32;
-    let test_max = view.config.sight_test_max;
+    let test_max = context.config.sight_test_max;
     let most = (SHARES * (units / count.max(1))).clamp(test_max / SHARES, test_max);
-    let (held, new) = open.into_iter().partition(|open| open.of(pairs).is_held);
+    let (held, new) = due.into_iter().partition(|due| due.of(pairs).is_held);
     let mut left = units / 100 * NEW_PER_CENT;
     let mut round = Round { most, left: &mut left, turn: &mut budget.turn_new };
     let mut tested = tests.run(pool, pairs, new, &mut round);
@@ -190,15 +190,15 @@ impl SightTests<'_> {
         &self,
         pool: &WorkerPool,
         pairs: &mut [&mut Pairs],
-        mut open: Vec<OpenPair>,
+        mut due: Vec<DuePair>,
         budget: &mut Round<'_>,
     ) -> u32 {
         let (most, turn) = (budget.most, *budget.turn);
-        let key = |open: &OpenPair| self.live.all()[open.viewer as usize].key;
-        debug_assert!(open.is_sorted_by_key(key), "pairs come in the order of the snapshot");
-        let first = open.partition_point(|open| key(open) < turn);
-        open.rotate_left(first);
-        let mut rest = &open[..];
+        let key = |due: &DuePair| self.live.all()[due.viewer as usize].key;
+        debug_assert!(due.is_sorted_by_key(key), "pairs come in the order of the snapshot");
+        let first = due.partition_point(|due| key(due) < turn);
+        due.rotate_left(first);
+        let mut rest = &due[..];
         while let Some(next) = rest.first() {
             if *budget.left == 0 {
                 *budget.turn = key(next);
@@ -212,35 +212,35 @@ impl SightTests<'_> {
                 let pair = round[index].of(pairs);
                 tested.result = self.test(workspace, viewer, pair, &mut tested.left);
             });
-            for (open, Tested { result, left }) in round.iter().zip(tested) {
+            for (due, Tested { result, left }) in round.iter().zip(tested) {
                 debug_assert!(left <= most, "a test spends budget");
                 *budget.left = budget.left.saturating_sub(most - left);
                 if let Some(result) = result {
-                    pairs[open.viewer as usize].at_mut(open.at as usize).0.sight = result;
+                    pairs[due.viewer as usize].at_mut(due.at as usize).0.sight = result;
                 }
             }
             rest = later;
         }
-        (open.len() - rest.len()) as u32
+        (due.len() - rest.len()) as u32
     }
 
-    /// Whether a pair must be tested: its last result no longer holds, and neither rooms nor gates
-    /// nor cells nor a predicted line decide it.
-    fn is_open(
+    /// Tries what costs little: rooms, gates, cells and a predicted line. Returns whether they
+    /// leave it undecided and the last result no longer holds, so that the pair must be tested.
+    fn try_cheap_tests(
         &self,
         workspace: &mut Workspace,
         viewer: &LiveAvatar<'_>,
         other: &LiveAvatar<'_>,
         pair: &mut Pair,
     ) -> bool {
-        let has_rules = self.view.building.rooms.can_rule_out();
+        let has_rules = self.context.building.rooms.can_rule_out();
         let [home, other_home] = [viewer, other].map(|avatar| avatar.regions.home());
         if home.is_some() && home == other_home && !has_rules {
             // A space is convex, and nothing in it blocks sight.
             pair.sight = SightResult::Together;
             return false;
         }
-        if pair.sight.is_open() && self.cells_hide(workspace, viewer, other, pair) {
+        if pair.sight.may_see() && self.try_cells(workspace, viewer, other, pair) {
             return false;
         }
         let holds = match pair.sight {
@@ -248,31 +248,31 @@ impl SightTests<'_> {
             SightResult::HiddenIn(then) => then.contain(&eye_boxes(viewer, other)),
             SightResult::Hidden(then) => then == versions(viewer, other, then.margin),
             SightResult::Free(line) => {
-                has_rules && self.is_closed(workspace, viewer, other, pair)
+                has_rules && self.try_gates(workspace, viewer, other, pair)
                     || self.joins(viewer, other, &line)
             }
         };
         if holds {
             return false;
         }
-        if self.view.tick >= pair.gates_from {
+        if self.context.tick >= pair.gates_again_at {
             // A hidden pair is more likely to be hidden again. Rooms come before all else.
             let is_line_first = !has_rules && !pair.sight.is_hidden();
-            if is_line_first && self.is_line_free(viewer, other, pair) {
-                self.cells_hide(workspace, viewer, other, pair);
+            if is_line_first && self.try_line(viewer, other, pair) {
+                self.try_cells(workspace, viewer, other, pair);
                 return false;
             }
-            if self.is_hidden_by_cells(workspace, viewer, other, pair)
-                || !is_line_first && self.is_line_free(viewer, other, pair)
+            if self.try_gates_with_margins(workspace, viewer, other, pair)
+                || !is_line_first && self.try_line(viewer, other, pair)
             {
                 return false;
             }
         }
         if pair.sight.is_hidden() {
             // That does not hold any more, and the budget may not suffice for a test.
-            pair.sight = SightResult::Undecided { again: self.view.tick, tries: 0 };
+            pair.sight = SightResult::Undecided { again: self.context.tick, tries: 0 };
         }
-        !matches!(pair.sight, SightResult::Undecided { again, .. } if self.view.tick < again)
+        !matches!(pair.sight, SightResult::Undecided { again, .. } if self.context.tick < again)
     }
 
     /// Makes sure that a viewer may be told news of an avatar, if the two are not tested at this
@@ -285,14 +285,15 @@ impl SightTests<'_> {
         pair: &mut Pair,
     ) {
         if matches!(pair.sight, SightResult::Free(_) | SightResult::Undecided { .. }) {
-            self.cells_hide(workspace, viewer, other, pair);
+            self.try_cells(workspace, viewer, other, pair);
         }
     }
 
-    /// Whether no cells of a pair's regions see each other, if these have changed since that was
-    /// asked. The end of a free line may by now be where only walls keep an eye or a body from
-    /// being. And no viewer is told of an avatar that cells hide, whatever the load.
-    fn cells_hide(
+    /// Hides a pair if no cells of its regions see each other, where these have changed since that
+    /// was asked. Returns whether it did. The end of a free line may by now be where only walls
+    /// keep an eye or a body from being. And no viewer is told of an avatar that cells hide,
+    /// whatever the load.
+    fn try_cells(
         &self,
         workspace: &mut Workspace,
         viewer: &LiveAvatar<'_>,
@@ -300,15 +301,15 @@ impl SightTests<'_> {
         pair: &mut Pair,
     ) -> bool {
         let regions = versions(viewer, other, RegionMargin::Small);
-        if pair.seen == Some(regions) {
+        if pair.cells_see_for == Some(regions) {
             return false;
         }
-        let building = self.view.building;
+        let building = self.context.building;
         // Where both were last known to be is in their regions.
         if let Some((eye, body)) = viewer.regions.cell().zip(other.regions.cell())
             && building.sees(eye, body)
         {
-            pair.seen = Some(regions);
+            pair.cells_see_for = Some(regions);
             return false;
         }
         let Some(footprints) = self.footprints(workspace, viewer, other, RegionMargin::Small)
@@ -317,22 +318,18 @@ impl SightTests<'_> {
         };
         let sees = footprints.eyes.sees(footprints.bodies, building);
         if sees {
-            pair.seen = Some(regions);
+            pair.cells_see_for = Some(regions);
         } else {
             pair.sight = SightResult::Hidden(regions);
         }
         !sees
     }
 
-    /// Whether the last free line is free where the regions are now, or else a line from where the
-    /// viewer's eye is heading to where the avatar is. Not tried where gates do not count.
-    fn is_line_free(
-        &self,
-        viewer: &LiveAvatar<'_>,
-        other: &LiveAvatar<'_>,
-        pair: &mut Pair,
-    ) -> bool {
-        if self.view.config.sight_test_budget == 0 {
+    /// Tries a line from where the viewer's eye is heading to where the avatar is, or else the last
+    /// free line, moved to where the regions are now. Returns whether one is free. Does nothing
+    /// where gates do not count.
+    fn try_line(&self, viewer: &LiveAvatar<'_>, other: &LiveAvatar<'_>, pair: &mut Pair) -> bool {
+        if self.context.config.sight_test_budget == 0 {
             return false;
         }
         let last = || match pair.sight {
@@ -340,7 +337,7 @@ impl SightTests<'_> {
             _ => None,
         };
         let heading = || {
-            let building = self.view.building;
+            let building = self.context.building;
             let heading =
                 |of: &LiveAvatar<'_>, kind| of.regions.heading(building, &of.motion, kind);
             let from = heading(viewer, RegionKind::EYES)?;
@@ -361,7 +358,7 @@ impl SightTests<'_> {
         other: &LiveAvatar<'_>,
         line: &SightLine,
     ) -> Option<[LineEnd; 2]> {
-        let building = self.view.building;
+        let building = self.context.building;
         let body = &building.body;
         let end = |avatar: &LiveAvatar<'_>, kind: RegionKind, point: Vec3| {
             let bounds = avatar.regions.bounds(kind, body);
@@ -377,7 +374,7 @@ impl SightTests<'_> {
 
     /// Whether a line between two ends is free.
     fn is_free(&self, [from, to]: &[LineEnd; 2]) -> bool {
-        let building = self.view.building;
+        let building = self.context.building;
         let cells = building.cells();
         let Some((start, goal)) = from.cell.zip(to.cell) else { return false };
         let spaces = [start, goal].map(|cell| cells.cells[cell.0 as usize].space);
@@ -385,50 +382,53 @@ impl SightTests<'_> {
         building.sees(start, goal) && building.occluders.is_free_through_gates(&line, spaces)
     }
 
-    /// Whether gates, cells or rooms hide a pair's regions from each other. Regions with a large
-    /// margin come first, so that the result lasts, unless they did not help a while ago.
-    fn is_hidden_by_cells(
+    /// Hides a pair if gates, cells or rooms hide its regions from each other. Returns whether they
+    /// do. Regions with a large margin come first, so that the result lasts, unless they did not
+    /// help a while ago.
+    fn try_gates_with_margins(
         &self,
         workspace: &mut Workspace,
         viewer: &LiveAvatar<'_>,
         other: &LiveAvatar<'_>,
         pair: &mut Pair,
     ) -> bool {
-        if self.view.tick >= pair.margin_from {
+        if self.context.tick >= pair.large_margin_again_at {
             if !self.may_see(workspace, viewer, other, RegionMargin::Large) {
                 pair.sight = SightResult::Hidden(versions(viewer, other, RegionMargin::Large));
                 return true;
             }
-            pair.margin_from = self.view.tick + LARGE_MARGIN_TICKS;
+            pair.large_margin_again_at = self.context.tick + LARGE_MARGIN_TICKS;
         }
-        let is_closed = self.is_closed(workspace, viewer, other, pair);
-        if !is_closed && !matches!(pair.sight, SightResult::Undecided { .. }) {
-            pair.sight = SightResult::Undecided { again: self.view.tick, tries: 0 };
+        let are_hidden = self.try_gates(workspace, viewer, other, pair);
+        if !are_hidden && !matches!(pair.sight, SightResult::Undecided { .. }) {
+            pair.sight = SightResult::Undecided { again: self.context.tick, tries: 0 };
         }
-        is_closed
+        are_hidden
     }
 
-    /// Whether gates, cells or rooms hide a pair's regions with the small margin, if these have
-    /// changed. Under load, a pair that was left open a moment ago stays so for some ticks.
-    fn is_closed(
+    /// Hides a pair if gates, cells or rooms hide its regions with the small margin, where these
+    /// have changed. Returns whether it did. Under load, a pair that was left open a moment ago
+    /// stays so for some ticks.
+    fn try_gates(
         &self,
         workspace: &mut Workspace,
         viewer: &LiveAvatar<'_>,
         other: &LiveAvatar<'_>,
         pair: &mut Pair,
     ) -> bool {
-        if self.view.tick < pair.gates_from {
+        if self.context.tick < pair.gates_again_at {
             return false;
         }
         let regions = versions(viewer, other, RegionMargin::Small);
-        let is_closed = pair.open != Some(regions)
+        let are_hidden = pair.gates_undecided_for != Some(regions)
             && !self.may_see(workspace, viewer, other, RegionMargin::Small);
-        if is_closed {
-            (pair.sight, pair.gates_from) = (SightResult::Hidden(regions), 0);
+        if are_hidden {
+            (pair.sight, pair.gates_again_at) = (SightResult::Hidden(regions), 0);
         } else {
-            (pair.open, pair.gates_from) = (Some(regions), self.view.tick + self.load);
+            (pair.gates_undecided_for, pair.gates_again_at) =
+                (Some(regions), self.context.tick + self.load);
         }
-        is_closed
+        are_hidden
     }
 
     /// Tests a pair's regions by box visibility. The more tests in a row do not decide a pair, the
@@ -446,14 +446,17 @@ impl SightTests<'_> {
             _ => 0,
         };
         let halvings = self.thrift.saturating_sub(tries.min(WAITS_MAX) / 2);
-        let most = (self.view.config.sight_test_max >> halvings).min(*left);
+        let most = (self.context.config.sight_test_max >> halvings).min(*left);
         let mut left_of_it = most;
-        let result = self.test_exact(workspace, viewer, other, &mut left_of_it)?;
-        let result = result.unwrap_or_else(|| {
-            let wait = UNDECIDED_TICKS.max(INTERVALS * self.interval);
-            let again = self.view.tick + (wait << tries.min(WAITS_MAX));
-            SightResult::Undecided { again, tries: tries + 1 }
-        });
+        let result = match self.test_exact(workspace, viewer, other, &mut left_of_it)? {
+            BoxTest::Hidden => SightResult::HiddenIn(eye_boxes(viewer, other)),
+            BoxTest::Free(line) => SightResult::Free(line),
+            BoxTest::Undecided => {
+                let wait = UNDECIDED_TICKS.max(INTERVALS * self.interval);
+                let again = self.context.tick + (wait << tries.min(WAITS_MAX));
+                SightResult::Undecided { again, tries: tries + 1 }
+            }
+        };
         *left -= most - left_of_it;
         Some(result)
     }
@@ -466,24 +469,21 @@ impl SightTests<'_> {
         viewer: &LiveAvatar<'_>,
         other: &LiveAvatar<'_>,
         left: &mut u32,
-    ) -> Option<Option<SightResult>> {
+    ) -> Option<BoxTest> {
         let Workspace { reach, sight, .. } = workspace;
-        let (view, shown) = (self.view, viewer.regions.shown());
-        let occluders = &view.building.occluders;
+        let (context, shown) = (self.context, viewer.regions.shown());
+        let occluders = &context.building.occluders;
         let mut cover = |of: &LiveAvatar<'_>, kind| {
             if self.is_crowded {
-                of.regions.close_cover(view, reach, &of.motion, kind)
+                of.regions.close_cover(context, reach, &of.motion, kind)
             } else {
-                of.regions.exact(view, reach, &of.motion, kind).cloned()
+                of.regions.exact(context, reach, &of.motion, kind).cloned()
             }
         };
         let (eyes, bodies) = (cover(viewer, RegionKind::EYES)?, cover(other, shown)?);
         Some(match sight.test(occluders, &eyes, &bodies, left) {
-            BoxTest::Hidden => Some(SightResult::HiddenIn(eye_boxes(viewer, other))),
-            BoxTest::Free(line) if sight.is_free(occluders, &line, left) => {
-                Some(SightResult::Free(line))
-            }
-            BoxTest::Free(_) | BoxTest::Undecided => None,
+            BoxTest::Free(line) if !sight.is_free(occluders, &line, left) => BoxTest::Undecided,
+            result => result,
         })
     }
 
@@ -499,8 +499,8 @@ impl SightTests<'_> {
         else {
             return false;
         };
-        let building = self.view.building;
-        let are_apart = self.view.config.sight_test_budget > 0
+        let building = self.context.building;
+        let are_apart = self.context.config.sight_test_budget > 0
             && workspace.sight.are_apart(&building.occluders, eyes, bodies);
         !are_apart && eyes.sees(bodies, building) && eyes.rooms_allow(bodies, &building.rooms)
     }
@@ -513,16 +513,17 @@ impl SightTests<'_> {
         other: &'a LiveAvatar<'_>,
         margin: RegionMargin,
     ) -> Option<Footprints<'a>> {
-        let (view, reach) = (self.view, &mut workspace.reach);
+        let (context, reach) = (self.context, &mut workspace.reach);
         let shown = viewer.regions.shown();
-        let eyes = viewer.regions.cached(view, reach, &viewer.motion, RegionKind::EYES, margin)?;
-        let bodies = other.regions.cached(view, reach, &other.motion, shown, margin)?;
+        let eyes =
+            viewer.regions.cached(context, reach, &viewer.motion, RegionKind::EYES, margin)?;
+        let bodies = other.regions.cached(context, reach, &other.motion, shown, margin)?;
         Some(Footprints { eyes, bodies })
     }
 
     /// Whether a line goes from where the viewer's eye can be to where the avatar's body can be.
     fn joins(&self, viewer: &LiveAvatar<'_>, other: &LiveAvatar<'_>, line: &SightLine) -> bool {
-        let body = &self.view.building.body;
+        let body = &self.context.building.body;
         viewer.regions.may_contain(RegionKind::EYES, line.from, body)
             && other.regions.may_contain(viewer.regions.shown(), line.to, body)
     }

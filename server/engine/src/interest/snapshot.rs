@@ -14,7 +14,7 @@ use crate::{
     population::{Avatar, Population, Profile},
     regions::{LiveRegions, Motion, OccupantIndex, Occupied},
     slot::{Member, Slot},
-    view::View,
+    tick_context::TickContext,
     worker_pool::WorkerPool,
 };
 
@@ -111,7 +111,7 @@ impl<'a> LiveAvatars<'a> {
 
 impl<'a> Snapshot<'a> {
     /// Takes the snapshot of a moment.
-    pub(crate) fn take(view: View<'_>, population: &'a mut Population) -> Self {
+    pub(crate) fn take(context: TickContext<'_>, population: &'a mut Population) -> Self {
         let mut avatars: Vec<Option<&mut Avatar>> = population.slots_mut().collect();
         let mut order: Vec<(SortKey, Slot)> = Vec::with_capacity(avatars.len());
         for (avatar, slot) in avatars.iter().zip(0..) {
@@ -127,8 +127,8 @@ impl<'a> Snapshot<'a> {
         for ((key, slot), index) in order.into_iter().zip(0..) {
             let Some(avatar) = avatars[slot.0 as usize].take() else { continue };
             index_of[slot.0 as usize] = index;
-            let (motion, shown) = (avatar.motion(view), avatar.shown(view));
-            let (shown_for, is_guest) = (avatar.shown_for(view), avatar.is_guest());
+            let (motion, shown) = (avatar.motion(context), avatar.shown(context));
+            let (shown_for, is_guest) = (avatar.shown_for(context), avatar.is_guest());
             pairs.push(&mut avatar.pairs);
             all.push(LiveAvatar {
                 key,
@@ -168,14 +168,14 @@ impl<'a> Snapshot<'a> {
     /// Brings the live regions up to date, and the index of coarse regions.
     pub(crate) fn update_regions(
         &mut self,
-        view: View<'_>,
+        context: TickContext<'_>,
         pool: &WorkerPool,
         index: &mut OccupantIndex,
     ) {
-        let delays: Vec<Duration> = view.horizons.delays().collect();
+        let delays: Vec<Duration> = context.horizons.delays().collect();
         pool.each(&mut self.live.all, |workspace, _, avatar| {
             let LiveAvatar { regions, motion, .. } = avatar;
-            avatar.old_cells = regions.update(view, &mut workspace.reach, motion, &delays);
+            avatar.old_cells = regions.update(context, &mut workspace.reach, motion, &delays);
         });
         for avatar in self.live.all() {
             if let Some((old, coarse)) = avatar.old_cells.as_ref().zip(avatar.regions.coarse()) {

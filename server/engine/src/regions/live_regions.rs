@@ -9,7 +9,9 @@ use super::{
     CoverBoxes, Motion, MotionBound, Occupied, Reach, ReachSearch, RegionFootprint,
     lasting_margin_m, with_margin_ahead,
 };
-use crate::{building::Building, generation::Generation, pair::RegionMargin, view::View};
+use crate::{
+    building::Building, generation::Generation, pair::RegionMargin, tick_context::TickContext,
+};
 
 /// The margin of coarse regions on each side, in metres. Most pairs of people are far from seeing
 /// each other, and nothing is done about them while their coarse regions last.
@@ -352,12 +354,12 @@ impl LiveRegions {
     /// there is a new one.
     pub(crate) fn update(
         &mut self,
-        view: View<'_>,
+        context: TickContext<'_>,
         search: &mut ReachSearch,
         motion: &Motion,
         delays: &[Duration],
     ) -> Option<Occupied> {
-        let View { building, config, horizons, .. } = view;
+        let TickContext { building, config, horizons, .. } = context;
         let own = horizons.delay(motion.round_trip);
         let eyes_in = |delay: Duration, is_believed: bool| {
             let time = horizons.live_horizon(motion.age, delay);
@@ -416,13 +418,13 @@ impl LiveRegions {
     /// cached region with the small margin has. That takes no flood of its own.
     pub(crate) fn close_cover(
         &self,
-        view: View<'_>,
+        context: TickContext<'_>,
         search: &mut ReachSearch,
         motion: &Motion,
         kind: RegionKind,
     ) -> Option<CoverBoxes> {
-        self.find_cached(view, search, motion, kind, RegionMargin::Small).map(|cached| {
-            let now = self.bounds(kind, &view.building.body);
+        self.find_cached(context, search, motion, kind, RegionMargin::Small).map(|cached| {
+            let now = self.bounds(kind, &context.building.body);
             cached.region.cover.clipped(&now)
         })
     }
@@ -430,19 +432,19 @@ impl LiveRegions {
     /// What a cached region with one of the margins covers.
     pub(crate) fn cached(
         &self,
-        view: View<'_>,
+        context: TickContext<'_>,
         search: &mut ReachSearch,
         motion: &Motion,
         kind: RegionKind,
         margin: RegionMargin,
     ) -> Option<&RegionFootprint> {
-        let cached = self.find_cached(view, search, motion, kind, margin);
+        let cached = self.find_cached(context, search, motion, kind, margin);
         cached.map(|cached| &cached.region.footprint)
     }
 
     fn find_cached(
         &self,
-        view: View<'_>,
+        context: TickContext<'_>,
         search: &mut ReachSearch,
         motion: &Motion,
         kind: RegionKind,
@@ -450,17 +452,17 @@ impl LiveRegions {
     ) -> Option<&CachedRegion> {
         let (region, level) = (self.get(kind)?, margin as usize);
         if region.cached[level].get().is_none() {
-            let margin_m = MARGINS[level].metres(view.config.spare_m, region.step);
+            let margin_m = MARGINS[level].metres(context.config.spare_m, region.step);
             let valid_in = with_margin_ahead(&region.eyes, region.step, margin_m);
             debug_assert!(valid_in.contains_box(&region.eyes), "a margin adds to a region");
-            let reach = Reach::in_box(search, &motion.start(view.building), &valid_in);
+            let reach = Reach::in_box(search, &motion.start(context.building), &valid_in);
             // An eye and its body have been to the same places, and both will be asked for.
             for kind in [RegionKind::EYES, self.shown, kind] {
                 if let Some(same) = self.get(kind)
                     && same.eyes == region.eyes
                     && same.cached[level].get().is_none()
                 {
-                    let found = CachedRegion::new(view.building, search, &reach, valid_in, kind);
+                    let found = CachedRegion::new(context.building, search, &reach, valid_in, kind);
                     // Another thread may have been faster; it found the same.
                     let _ = same.cached[level].set(found);
                 }
@@ -472,18 +474,18 @@ impl LiveRegions {
     /// Boxes around a region of this tick, without a margin.
     pub(crate) fn exact(
         &self,
-        view: View<'_>,
+        context: TickContext<'_>,
         search: &mut ReachSearch,
         motion: &Motion,
         kind: RegionKind,
     ) -> Option<&CoverBoxes> {
         let region = self.get(kind)?;
         let exact = region.exact.get_or_init(|| {
-            let reach = Reach::in_box(search, &motion.start(view.building), &region.eyes);
+            let reach = Reach::in_box(search, &motion.start(context.building), &region.eyes);
             if kind == RegionKind::EYES {
                 reach.eye_cover()
             } else {
-                reach.bodies(search, view.building).cover
+                reach.bodies(search, context.building).cover
             }
         });
         Some(exact)

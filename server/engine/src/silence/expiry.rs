@@ -5,7 +5,7 @@ use std::time::Duration;
 use sightline_world::motion::AvatarId;
 
 use super::{End, Silencing, expiry_queue::ExpiryQueue};
-use crate::{messages::Output, slot::Slot, view::View};
+use crate::{messages::Output, slot::Slot, tick_context::TickContext};
 
 /// An ask counts as unanswered only if the engine has ticked so often since then. A host that ticks
 /// less often is late, and may not have read the answer.
@@ -42,7 +42,7 @@ impl Silencing<'_> {
     /// Asks clients whose TBV would expire unwatched, and looks into stalled clients. Returns the
     /// clients that do not answer and must be dropped.
     pub(crate) fn expire(&mut self, outputs: &mut Vec<Output>) -> Vec<AvatarId> {
-        let now = self.view.now;
+        let now = self.context.now;
         for id in self.deadlines.expiries.due(now) {
             if let Some(slot) = self.population.slot(id) {
                 self.stats.expiries += 1;
@@ -68,11 +68,11 @@ impl Silencing<'_> {
     /// Asks a client that should have been heard of. A live client that has reported since the
     /// deadline was set gets another deadline. Returns whether there is still hope.
     fn look_into(&mut self, slot: Slot, outputs: &mut Vec<Output>) -> bool {
-        let View { config, now, rounds, .. } = self.view;
-        let patience = self.population.at(slot).patience(self.view);
+        let TickContext { config, now, rounds, .. } = self.context;
+        let patience = self.population.at(slot).patience(self.context);
         let avatar = self.population.at_mut(slot);
         let (id, is_live) = (avatar.id, avatar.is_live());
-        let silence = now.saturating_sub(avatar.heard);
+        let silence = now.saturating_sub(avatar.heard_at);
         if is_live && silence + config.tick < patience {
             self.deadlines.wait(now, id, patience - silence);
             return true;

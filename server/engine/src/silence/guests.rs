@@ -17,9 +17,9 @@ use crate::{
 impl Silencing<'_> {
     /// Whether no other station is against it that an avatar of this one is silent in a TBV.
     pub(super) fn others_allow(&self, slot: Slot, tbv: &Tbv, footprint: &HiddenFootprint) -> bool {
-        let (stations, sectors) = (self.view.stations, &self.view.building.sectors);
+        let (stations, sectors) = (self.context.stations, &self.context.building.sectors);
         let avatar = self.population.at(slot);
-        let is_faulty = self.view.config.faults.station == Some(StationFault::SilenceUnasked);
+        let is_faulty = self.context.config.faults.station == Some(StationFault::SilenceUnasked);
         if avatar.is_guest() || !stations.are_several() || is_faulty {
             return true;
         }
@@ -31,14 +31,14 @@ impl Silencing<'_> {
     /// Takes in that an avatar of another station that has just been announced stays in a box. If
     /// it may be seen there, that station is asked for it.
     pub(crate) fn let_stay(&mut self, slot: Slot, stay: &Stay) {
-        let building = self.view.building;
-        let start = self.population.at(slot).motion(self.view).start(building);
+        let building = self.context.building;
+        let start = self.population.at(slot).motion(self.context).start(building);
         let reach = Reach::in_box(&mut self.workspace.reach, &start, &stay.within);
         let footprint = HiddenFootprint::of_reach(building, &mut self.workspace.reach, &reach);
         let is_seen = self.is_seen(slot, &footprint);
         let Stay { within, notice } = *stay;
         let (axes, validity) = (*building.axes(), GUEST_VALIDITY);
-        let tbv = Tbv { within, axes, expiry: self.view.now + validity, notice };
+        let tbv = Tbv { within, axes, expiry: self.context.now + validity, notice };
         self.hide(slot, Silence { tbv, sphere: None, footprint, validity });
         if is_seen {
             self.ask_to_be_live(slot);
@@ -50,7 +50,7 @@ impl Silencing<'_> {
         let avatar = self.population.at(slot);
         let member = Member { id: avatar.id, slot };
         let mut outputs = Vec::new();
-        self.ask_to_stay(vec![member], &mut outputs);
+        self.reveal_all(vec![member], &mut outputs);
         self.pending.append(&mut outputs);
     }
 

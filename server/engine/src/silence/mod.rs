@@ -25,7 +25,7 @@ use crate::{
     regions::{BoxTest, FootprintCover, HiddenFootprint, Indices, Motion},
     slot::{Member, Slot},
     stats::Stats,
-    view::View,
+    tick_context::TickContext,
     worker_pool::Workspace,
 };
 
@@ -49,7 +49,7 @@ impl Default for SilenceBudget {
 
 /// What changes when avatars are silenced, asked and woken.
 pub(crate) struct Silencing<'a> {
-    pub(crate) view: View<'a>,
+    pub(crate) context: TickContext<'a>,
     pub(crate) population: &'a mut Population,
     pub(crate) indices: &'a mut Indices,
     pub(crate) deadlines: &'a mut Deadlines,
@@ -70,7 +70,7 @@ enum End {
 impl Silencing<'_> {
     /// From quiet to asked. The caller sends the order itself.
     fn ask(&mut self, slot: Slot, end: End) {
-        let View { config, now, rounds, .. } = self.view;
+        let TickContext { config, now, rounds, .. } = self.context;
         let avatar = self.population.at_mut(slot);
         avatar.validity = match (config.validity, end) {
             (Validity::Adaptive, End::Expired) => avatar.validity * 3 / 2,
@@ -91,10 +91,10 @@ impl Silencing<'_> {
     /// From hidden to live, after fresh word of the avatar. The next tick decides whether it stays
     /// live.
     pub(crate) fn wake(&mut self, slot: Slot) {
-        let View { now, .. } = self.view;
+        let TickContext { now, .. } = self.context;
         let avatar = self.population.at_mut(slot);
         let member = Member { id: avatar.id, slot };
-        avatar.silence_from = now;
+        avatar.silence_again_at = now;
         self.indices.hidden.remove(member, &avatar.footprint.sectors);
         avatar.footprint = HiddenFootprint::default();
         avatar.footprint_version.advance();
@@ -102,7 +102,7 @@ impl Silencing<'_> {
         self.deadlines.expiries.cancel(member.id);
         self.population.set_live(slot);
         if !self.population.at(slot).is_guest() {
-            let patience = self.population.at(slot).patience(self.view);
+            let patience = self.population.at(slot).patience(self.context);
             self.deadlines.wait(now, member.id, patience);
         }
     }
@@ -111,7 +111,7 @@ impl Silencing<'_> {
     /// asked at the next tick, it becomes live. Otherwise nothing changes: when the client reported
     /// it had not heard yet that it was quiet.
     pub(crate) fn hear_quiet(&mut self, slot: Slot, tbv: &Tbv) {
-        let View { building, config, horizons, now, .. } = self.view;
+        let TickContext { building, config, horizons, now, .. } = self.context;
         let avatar = self.population.at(slot);
         debug_assert_eq!(avatar.state, ReportingState::Quiet, "only quiet clients owe nothing");
         let lead_time = horizons.lead_time(avatar.link());
@@ -124,24 +124,24 @@ impl Silencing<'_> {
 
     /// When a live avatar was last known to be where its motion begins.
     fn known_at(&self, motion: &Motion) -> Duration {
-        self.view.now.saturating_sub(motion.age)
+        self.context.now.saturating_sub(motion.age)
     }
 
     /// The part of a live avatar's footprint that is possible at this tick.
     fn current_footprint(&self, slot: Slot) -> HiddenFootprint {
         let avatar = self.population.at(slot);
-        avatar.footprint.clipped(self.view.building, &avatar.reveal_box)
+        avatar.footprint.clipped(self.context.building, &avatar.reveal_box)
     }
 
     /// Whether a line between a footprint and where another avatar can be now may be free, either
     /// way.
     fn may_see_each_other(&mut self, one: &HiddenFootprint, other: Slot) -> bool {
-        let Self { view, population, workspace, budget, .. } = self;
+        let Self { context, population, workspace, budget, .. } = self;
         let other = population.at(other);
-        let clip = || other.footprint.cover.clipped(view.building, &other.reveal_box);
+        let clip = || other.footprint.cover.clipped(context.building, &other.reveal_box);
         let current = other.is_live().then(clip);
         let cover = current.as_ref().unwrap_or(&other.footprint.cover);
-        lets_see(*view, workspace, budget, one, Reached { footprint: &other.footprint, cover })
+        lets_see(*context, workspace, budget, one, Reached { footprint: &other.footprint, cover })
     }
 }
 
@@ -159,13 +159,13 @@ const TEST_MAX: u32 = 600;
 
 /// Whether a line between two footprints may be free, either way. Without a budget it may.
 fn lets_see(
-    view: View<'_>,
+    context: TickContext<'_>,
     workspace: &mut Workspace,
     budget: &mut SilenceBudget,
     one: &HiddenFootprint,
     other: Reached<'_>,
 ) -> bool {
-    let building = view.building;
+    let building = context.building;
     let mut may_see = |eyes, bodies| {
         let (sight, left) = (&mut workspace.sight, &mut budget.left);
         let test = sight.test_up_to(&building.occluders, eyes, bodies, TEST_MAX, left);

@@ -7,7 +7,7 @@ use crate::{
     messages::Output,
     regions::{HiddenFootprint, Motion, MotionBound, Reach, lasting_margin_m, with_margin_ahead},
     slot::{Member, Slot},
-    view::View,
+    tick_context::TickContext,
 };
 
 /// The least margin of a live avatar's footprint, in metres.
@@ -19,9 +19,9 @@ impl Silencing<'_> {
     /// Hidden avatars that the footprint meets are tested at each of these ticks, and no others.
     /// While nobody is hidden, no footprint is made.
     pub(crate) fn reveal(&mut self, slot: Slot, outputs: &mut Vec<Output>) {
-        let View { building, horizons, .. } = self.view;
+        let TickContext { building, horizons, .. } = self.context;
         let avatar = self.population.at_mut(slot);
-        let motion = avatar.motion(self.view);
+        let motion = avatar.motion(self.context);
         let time = horizons.reveal_horizon(motion.age);
         let bound = MotionBound::new(building, &motion, motion.is_believed, time);
         avatar.reveal_box = bound.eyes;
@@ -33,7 +33,7 @@ impl Silencing<'_> {
             MotionBound::new(building, &motion, motion.is_believed, time + more).eyes
         };
         avatar.footprint_box = avatar.footprint_box.filter(|made| made.contains_box(&eyes));
-        if self.population.is_nobody_hidden() && !self.view.stations.are_several() {
+        if self.population.is_nobody_hidden() && !self.context.stations.are_several() {
             return;
         }
         if self.population.at(slot).footprint_box.is_none() {
@@ -49,7 +49,7 @@ impl Silencing<'_> {
         let (found, nearby) =
             hidden.into_iter().partition(|other| self.may_see_each_other(&footprint, other.slot));
         self.population.at_mut(slot).nearby_hidden = nearby;
-        self.ask_to_stay(found, outputs);
+        self.reveal_all(found, outputs);
     }
 
     /// Makes the footprints that were left out. Before an avatar is hidden all others have theirs.
@@ -57,7 +57,7 @@ impl Silencing<'_> {
         for slot in live {
             let avatar = self.population.at(*slot);
             if avatar.is_live() && avatar.footprint_box.is_none() {
-                let (motion, eyes) = (avatar.motion(self.view), avatar.reveal_box);
+                let (motion, eyes) = (avatar.motion(self.context), avatar.reveal_box);
                 self.update_footprint(*slot, &motion, &eyes);
             }
         }
@@ -65,7 +65,7 @@ impl Silencing<'_> {
 
     /// Computes a live avatar's footprint, and which hidden avatars it meets.
     fn update_footprint(&mut self, slot: Slot, motion: &Motion, eyes: &Aabb) {
-        let View { building, config, .. } = self.view;
+        let TickContext { building, config, .. } = self.context;
         let avatar = self.population.at_mut(slot);
         let step = building.axes().own(motion.pose.velocity) * config.tick.as_secs_f32();
         let margin_m = lasting_margin_m(step, FOOTPRINT_MARGIN_M);
@@ -90,8 +90,8 @@ impl Silencing<'_> {
         avatar.footprint_version.advance();
     }
 
-    /// Orders hidden clients to report from now on.
-    pub(super) fn ask_to_stay(&mut self, found: Vec<Member>, outputs: &mut Vec<Output>) {
+    /// Reveals hidden avatars: orders their clients to report from now on.
+    pub(super) fn reveal_all(&mut self, found: Vec<Member>, outputs: &mut Vec<Output>) {
         for Member { slot, .. } in found {
             if self.population.at(slot).state == ReportingState::Quiet {
                 self.stats.reveals += 1;
@@ -106,17 +106,17 @@ impl Silencing<'_> {
     /// Adds an avatar that has just been hidden to the lists of all live avatars that may see it
     /// from their footprints, or be seen.
     pub(super) fn add_to_nearby(&mut self, member: Member) {
-        let Self { view, population, indices, workspace, budget, .. } = self;
+        let Self { context, population, indices, workspace, budget, .. } = self;
         let footprint = &population.at(member.slot).footprint;
         let mut found = Vec::new();
-        indices.live.meeting_sectors(&view.building.sectors, &footprint.sectors, &mut found);
+        indices.live.meeting_sectors(&context.building.sectors, &footprint.sectors, &mut found);
         found.sort_unstable();
         found.dedup();
         found.retain(|live| population.is_one_own(member.slot, live.slot));
         found.retain(|live| {
             let live = &population.at(live.slot).footprint;
             let whole = Reached { footprint: live, cover: &live.cover };
-            lets_see(*view, workspace, budget, footprint, whole)
+            lets_see(*context, workspace, budget, footprint, whole)
         });
         for live in found {
             population.at_mut(live.slot).nearby_hidden.push(member);

@@ -12,7 +12,7 @@ use crate::{
     slot::{Member, Slot},
     sphere::Sphere,
     stations::RelayOrder,
-    view::View,
+    tick_context::TickContext,
 };
 
 /// The first validity that is tried for an avatar that has just joined.
@@ -59,9 +59,9 @@ impl Silencing<'_> {
         if self.is_seen(slot, current) {
             return None;
         }
-        let View { config, horizons, .. } = self.view;
+        let TickContext { config, horizons, .. } = self.context;
         let avatar = self.population.at(slot);
-        let age = avatar.motion(self.view).age;
+        let age = avatar.motion(self.context).age;
         let least = age + horizons.lead_time(avatar.link()) + 2 * config.tick;
         let most = config.validity_max.max(least);
         let wanted = avatar.validity.clamp(least, most);
@@ -90,9 +90,9 @@ impl Silencing<'_> {
     /// Finds the largest box to stay in that remains unseen. It is made larger on all sides, and
     /// then on each.
     fn largest_stay(&mut self, slot: Slot, age: Duration, validity: Duration) -> Option<Silence> {
-        let View { building, config, horizons, .. } = self.view;
+        let TickContext { building, config, horizons, .. } = self.context;
         let avatar = self.population.at(slot);
-        let motion = avatar.motion(self.view);
+        let motion = avatar.motion(self.context);
         let agreed = avatar.relays.iter().filter_map(|relay| match relay.order {
             RelayOrder::Quiet(stay) => Some(stay.notice),
             RelayOrder::Live(_) => None,
@@ -131,8 +131,8 @@ impl Silencing<'_> {
     /// The TBV of an avatar that stays in a box until its client says that it leaves, if it remains
     /// unseen.
     fn stay(&mut self, slot: Slot, tbv: Tbv, validity: Duration) -> Option<Silence> {
-        let building = self.view.building;
-        let start = self.population.at(slot).motion(self.view).start(building);
+        let building = self.context.building;
+        let start = self.population.at(slot).motion(self.context).start(building);
         let reach = Reach::in_box(&mut self.workspace.reach, &start, &tbv.within);
         let footprint = HiddenFootprint::of_reach(building, &mut self.workspace.reach, &reach);
         let may_stay = self.others_allow(slot, &tbv, &footprint) && !self.is_seen(slot, &footprint);
@@ -141,12 +141,12 @@ impl Silencing<'_> {
 
     /// The same TBV, or one that is too small where a test injects that fault.
     fn with_fault(&mut self, slot: Slot, found: Silence) -> Option<Silence> {
-        let by = self.view.config.faults.tbv_scale;
+        let by = self.context.config.faults.tbv_scale;
         if by == 1.0 {
             return Some(found);
         }
         let Silence { tbv, validity, .. } = found;
-        let from = self.population.at(slot).motion(self.view).from;
+        let from = self.population.at(slot).motion(self.context).from;
         self.stay(slot, Tbv { within: scaled(&tbv.within, from, by), ..tbv }, validity)
     }
 
@@ -191,8 +191,8 @@ impl Silencing<'_> {
     /// The TBV of a validity, if it stays unseen: no live avatar can see it or be seen from it
     /// where it can soon be, and no hidden avatar can from its own TBV.
     fn unseen(&mut self, slot: Slot, validity: Duration) -> Option<Silence> {
-        let View { building, config, .. } = self.view;
-        let motion = self.population.at(slot).motion(self.view);
+        let TickContext { building, config, .. } = self.context;
+        let motion = self.population.at(slot).motion(self.context);
         let bound = MotionBound::new(building, &motion, true, validity);
         let MotionBound { from, eyes, way_m } = bound.scaled(config.faults.tbv_scale);
         let expiry = self.known_at(&motion) + validity;
@@ -225,11 +225,11 @@ impl Silencing<'_> {
         }
         let mut found: Vec<Member> = Vec::new();
         for index in [&self.indices.live, &self.indices.hidden] {
-            index.meeting_sectors(&self.view.building.sectors, &footprint.sectors, &mut found);
+            index.meeting_sectors(&self.context.building.sectors, &footprint.sectors, &mut found);
         }
         found.retain(|other| other.slot != slot && Some(*other) != last);
         found.retain(|other| self.population.is_one_own(slot, other.slot));
-        if self.view.config.faults.station == Some(StationFault::SilenceUnasked) {
+        if self.context.config.faults.station == Some(StationFault::SilenceUnasked) {
             found.retain(|other| !self.population.at(other.slot).is_guest());
         }
         found.sort_unstable();
@@ -245,7 +245,7 @@ impl Silencing<'_> {
     /// Whether an avatar is still present, and by sectors may see a footprint or be seen from it.
     fn may_meet(&self, footprint: &HiddenFootprint, other: Member) -> bool {
         let other = self.population.get(other);
-        other.is_some_and(|other| footprint.meets(&other.footprint, &self.view.building.sectors))
+        other.is_some_and(|other| footprint.meets(&other.footprint, &self.context.building.sectors))
     }
 
     /// Takes in that an avatar keeps another one from falling silent.

@@ -9,8 +9,8 @@ use crate::{
     population::{Avatar, Prevented},
     slot::{Member, Slot},
     stations::RelayOrder,
+    tick_context::TickContext,
     timing::{Link, SILENT_MAX},
-    view::View,
 };
 
 /// While the two avatars of a failed try stand still, the next try waits for this many times
@@ -45,7 +45,7 @@ impl Silencing<'_> {
     /// Silences a live avatar if nobody can see it and it can see nobody, where that may be tried.
     /// Otherwise makes sure that its client knows that it is live.
     fn settle(&mut self, slot: Slot, may_try: bool, outputs: &mut Vec<Output>) {
-        let View { config, now, .. } = self.view;
+        let TickContext { config, now, .. } = self.context;
         if self.population.at(slot).is_absent {
             return;
         }
@@ -60,7 +60,7 @@ impl Silencing<'_> {
             // Where many try in vain, each waits longer.
             let is_short = self.budget.left < config.silence_budget / 4 * 3;
             let retries = if is_short { RETRIES_SHORT } else { 1 };
-            self.population.at_mut(slot).silence_from = now + retries * config.silence_retry;
+            self.population.at_mut(slot).silence_again_at = now + retries * config.silence_retry;
         }
         if self.needs_order(slot) {
             outputs.push(self.order_live(slot));
@@ -68,15 +68,15 @@ impl Silencing<'_> {
     }
 
     fn may_fall_silent(&self, avatar: &Avatar) -> bool {
-        let View { config, horizons, now, .. } = self.view;
+        let TickContext { config, horizons, now, .. } = self.context;
         let is_fresh = |link: Link| {
             let fresh = horizons.one_way(link.round_trip) + link.margin + 2 * config.tick;
-            avatar.motion(self.view).age <= fresh
+            avatar.motion(self.context).age <= fresh
         };
         config.policy == Policy::Tbv
             && !avatar.is_absent
             && avatar.watchers == 0
-            && now >= avatar.silence_from
+            && now >= avatar.silence_again_at
             && self.is_surely_hidden(avatar)
             && (avatar.relays.iter().all(|relay| matches!(relay.order, RelayOrder::Quiet(_)))
                 || config.faults.station == Some(StationFault::SilenceUnasked))
@@ -98,9 +98,9 @@ impl Silencing<'_> {
     /// Whether nothing has changed since another avatar kept this one from falling silent: both
     /// stand where they stood. However little changes, it tries again before long.
     fn is_still_prevented(&self, avatar: &Avatar) -> bool {
-        let View { config, now, .. } = self.view;
+        let TickContext { config, now, .. } = self.context;
         let Some(Prevented { by, versions, boxes }) = avatar.prevented else { return false };
-        let since_try = now.saturating_sub(avatar.silence_from) + config.silence_retry;
+        let since_try = now.saturating_sub(avatar.silence_again_at) + config.silence_retry;
         self.population.get(by).is_some_and(|by| {
             since_try < RETRIES_SPARED * config.silence_retry
                 && versions == [avatar.footprint_version, by.footprint_version]
@@ -110,11 +110,11 @@ impl Silencing<'_> {
 
     /// From live to quiet.
     pub(super) fn hide(&mut self, slot: Slot, silence: Silence) {
-        let View { config, horizons, now, .. } = self.view;
+        let TickContext { config, horizons, now, .. } = self.context;
         let Silence { tbv, sphere, footprint, validity } = silence;
-        let motion = self.population.at(slot).motion(self.view);
+        let motion = self.population.at(slot).motion(self.context);
         debug_assert!(tbv.contains(motion.pose.eye), "a TBV contains its avatar");
-        end_pairs(self.view, self.population, &mut self.indices.coarse, slot, self.pending);
+        end_pairs(self.context, self.population, &mut self.indices.coarse, slot, self.pending);
         let known = self.known_at(&motion);
         let avatar = self.population.at_mut(slot);
         let member = Member { id: avatar.id, slot };
@@ -140,7 +140,7 @@ impl Silencing<'_> {
     /// The most expiries in one tick. They leave room for the whole population within the time that
     /// a slow client's TBV needs.
     fn expiries_max(&self) -> usize {
-        let config = self.view.config;
+        let config = self.context.config;
         let ticks = SILENT_MAX.as_nanos() / config.tick.as_nanos().max(1);
         let needed = 2 * self.population.len() / usize::try_from(ticks).unwrap_or(1).max(1);
         config.expiries_max.max(needed)

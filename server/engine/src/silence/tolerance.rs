@@ -5,7 +5,9 @@ use std::time::Duration;
 use sightline_world::motion::Tolerance;
 
 use super::Silencing;
-use crate::{acuity::Acuity, messages::Output, population::Avatar, slot::Slot, view::View};
+use crate::{
+    acuity::Acuity, messages::Output, population::Avatar, slot::Slot, tick_context::TickContext,
+};
 
 /// A coarser tolerance is ordered no sooner after the last order than this.
 const COARSEN_AFTER: Duration = Duration::from_secs(1);
@@ -20,20 +22,20 @@ impl Silencing<'_> {
     /// order.
     pub(super) fn order_live(&mut self, slot: Slot) -> Output {
         let avatar = self.population.at_mut(slot);
-        let tolerance = wanted(self.view, avatar);
+        let tolerance = wanted(self.context, avatar);
         if avatar.is_guest() {
             avatar.orders.send_ask(tolerance);
         } else {
             avatar.orders.send_live(tolerance);
         }
-        avatar.ordered = self.view.now;
+        avatar.ordered_at = self.context.now;
         Output::Live { to: avatar.id, tolerance }
     }
 
     /// Whether a live client needs another order: a finer tolerance at once, a coarser one before
     /// long.
     pub(super) fn needs_order(&self, slot: Slot) -> bool {
-        let View { config, now, .. } = self.view;
+        let TickContext { config, now, .. } = self.context;
         let avatar = self.population.at(slot);
         if avatar.orders.is_quiet() {
             return true;
@@ -41,7 +43,7 @@ impl Silencing<'_> {
         if !config.reports_by_exception() {
             return false;
         }
-        let (told, wanted) = (avatar.orders.told(), wanted(self.view, avatar));
+        let (told, wanted) = (avatar.orders.told(), wanted(self.context, avatar));
         if told.is_none() {
             return true;
         }
@@ -50,14 +52,14 @@ impl Silencing<'_> {
         let is_too_short =
             !avatar.is_guest() && told.ahead + told.ahead / AHEAD_PARTS < wanted.ahead;
         let is_too_fine = told.metres < wanted.metres || told.radians < wanted.radians;
-        is_too_coarse || is_too_short || is_too_fine && now >= avatar.ordered + COARSEN_AFTER
+        is_too_coarse || is_too_short || is_too_fine && now >= avatar.ordered_at + COARSEN_AFTER
     }
 }
 
 /// The tolerance that suits an avatar: what the nearest viewer that holds it can hardly tell, and
 /// what decides closely enough who sees whom.
-fn wanted(view: View<'_>, avatar: &Avatar) -> Tolerance {
-    let View { building, config, horizons, .. } = view;
+fn wanted(context: TickContext<'_>, avatar: &Avatar) -> Tolerance {
+    let TickContext { building, config, horizons, .. } = context;
     if !config.reports_by_exception() {
         return Tolerance::NONE;
     }

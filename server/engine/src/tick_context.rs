@@ -6,7 +6,7 @@ use crate::{building::Building, config::Config, stations::Stations, timing::Hori
 
 /// The building, the configuration and the time, for one call of the engine.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct View<'a> {
+pub(crate) struct TickContext<'a> {
     pub(crate) building: &'a Building,
     pub(crate) config: &'a Config,
     pub(crate) horizons: &'a Horizons,
