@@ -111,7 +111,7 @@ fn walk(world: &Arc<World>, eye: Vec3, random: &mut SmallRng, name: &str) -> f32
 fn bodies_that_walk_jump_and_fly_are_never_accused_of_going_through_walls() {
     let world = building();
     let navigation = Navigation::new(&world);
-    for seed in 0..20 {
+    for seed in 0..12 {
         let random = &mut SmallRng::seed_from_u64(seed);
         let eye = navigation.random(random).unwrap();
         walk(&world, eye, random, &format!("seed {seed}"));
@@ -129,7 +129,7 @@ fn nobody_is_accused_in_random_buildings() {
     for (number, world) in offices.into_iter().chain(houses).enumerate() {
         let navigation = Navigation::new(&world);
         let random = &mut SmallRng::seed_from_u64(number as u64);
-        for turn in 0..5 {
+        for turn in 0..3 {
             let eye = navigation.random(random).expect("there is a floor");
             far_m.push(walk(&world, eye, random, &format!("building {number}, walk {turn}")));
         }
@@ -147,7 +147,7 @@ fn nobody_is_accused_who_was_put_where_its_body_does_not_fit() {
         let world = SimulatedBuilding::new(seed).world;
         let (navigation, sight) = (Navigation::new(&world), Oracle::new(&world.mesh));
         let random = &mut SmallRng::seed_from_u64(seed);
-        for turn in 0..60 {
+        for turn in 0..30 {
             let free = navigation.random(random).expect("there is a floor");
             let mut part = || random.random_range(-0.7..0.7);
             let eye = free + Vec3::new(part(), part(), part());
@@ -159,7 +159,7 @@ fn nobody_is_accused_who_was_put_where_its_body_does_not_fit() {
             }
         }
     }
-    assert!(far_m.len() > 40, "only {} walks", far_m.len());
+    assert!(far_m.len() > 20, "only {} walks", far_m.len());
     assert!(far_m.iter().all(|far_m| *far_m > 0.3), "somebody is stuck: {far_m:?}");
 }
 
