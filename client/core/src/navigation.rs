@@ -231,21 +231,31 @@ impl Navigation {
             let (dx, dz) = (x.abs_diff(goal[0]), z.abs_diff(goal[1]));
             10 * (dx + dz) - 6 * dx.min(dz)
         };
-        let mut known: HashMap<u32, (u32, u32)> = HashMap::from([(from, (0, from))]);
-        let mut open = BinaryHeap::from([Reverse((estimate(from), from))]);
-        while let Some(Reverse((_, place))) = open.pop() {
+        // The pages of places that the search does not reach are never touched.
+        let mut costs = vec![0u32; self.places.len()];
+        // One more than the place before; zero when the search has not been there.
+        let mut before = vec![0u32; self.places.len()];
+        before[from as usize] = from + 1;
+        // Of equal estimates the one nearer to the goal comes first.
+        let mut open = BinaryHeap::from([(Reverse(estimate(from)), 0, from)]);
+        let mut visited = 0;
+        while let Some((_, cost, place)) = open.pop() {
             if place == to {
-                return Some(trace_back(&known, from, to));
+                return Some(trace_back(&before, from, to));
             }
-            if known.len() > SEARCH_MAX {
+            if cost > costs[place as usize] {
+                continue;
+            }
+            visited += 1;
+            if visited > SEARCH_MAX {
                 return None;
             }
-            let (cost, _) = known[&place];
             for (step, next) in self.steps(place) {
                 let cost = cost + step;
-                if known.get(&next).is_none_or(|(before, _)| cost < *before) {
-                    known.insert(next, (cost, place));
-                    open.push(Reverse((cost + estimate(next), next)));
+                let known = next as usize;
+                if before[known] == 0 || cost < costs[known] {
+                    (costs[known], before[known]) = (cost, place + 1);
+                    open.push((Reverse(cost + estimate(next)), cost, next));
                 }
             }
         }
@@ -348,12 +358,12 @@ fn flood(seed: u32, places: usize, next: impl Fn(u32) -> Vec<u32>) -> Vec<bool> 
     reached
 }
 
-/// The path that a search found, from the predecessors of all places that it visited.
-fn trace_back(known: &HashMap<u32, (u32, u32)>, from: u32, to: u32) -> Vec<u32> {
+/// The path that a search found. `before` has one more than the place before each.
+fn trace_back(before: &[u32], from: u32, to: u32) -> Vec<u32> {
     let mut path = vec![to];
     let mut at = to;
     while at != from {
-        at = known[&at].1;
+        at = before[at as usize] - 1;
         path.push(at);
     }
     path.reverse();
