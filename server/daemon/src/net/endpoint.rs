@@ -1,5 +1,7 @@
 //! The QUIC endpoint: its certificate, its address and the limits of each connection.
 
+mod reader;
+
 use std::{
     io,
     net::{Ipv4Addr, SocketAddr, UdpSocket},
@@ -8,8 +10,8 @@ use std::{
 };
 
 use quinn::{
-    AckFrequencyConfig, Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt,
-    congestion::BbrConfig, crypto::rustls::QuicServerConfig,
+    AckFrequencyConfig, Endpoint, EndpointConfig, TransportConfig, VarInt, congestion::BbrConfig,
+    crypto::rustls::QuicServerConfig,
 };
 use ring::hmac;
 use sightline_cli::identity::Identity;
@@ -21,6 +23,7 @@ use super::{
     client_keys::AnyKey,
     config::{Limits, ServeConfig},
 };
+use reader::ReaderRuntime;
 
 /// The client acknowledges packets after this time, or after a round trip if that is less.
 const ACK_DELAY_MAX: Duration = Duration::from_millis(100);
@@ -50,7 +53,8 @@ pub fn listen(
         bound => bound,
     };
     let endpoint = bound.and_then(|socket| {
-        Endpoint::new(endpoint_config(identity), Some(quic), socket, Arc::new(TokioRuntime))
+        let runtime = Arc::new(ReaderRuntime::start()?);
+        Endpoint::new(endpoint_config(identity), Some(quic), socket, runtime)
     });
     endpoint.map_err(|source: io::Error| BindError::Listen { address, source })
 }
