@@ -13,7 +13,7 @@ use super::{
     Ack, BASELINE_DISTANCE_MAX, DATAGRAM_BYTES_MAX,
     courses::{Acknowledged, AvatarRecord, Course, SentDatagram},
     draft::{Baseline, Draft},
-    priority::{OVERDUE, Rank, Turn, Waiting, weigh},
+    priority::{Rank, Turn, Waiting, weigh},
 };
 use crate::{quantise::WirePose, varint};
 
@@ -36,6 +36,11 @@ const CLOCK_COPIES: u32 = 2;
 const CLEAN_DATAGRAMS: u32 = 128;
 /// The greatest number of unacknowledged poses that are remembered: 28 bytes each, 112 KiB in all.
 const SENT_POSES_MAX: usize = 4_096;
+/// With more courses than this that wait, only the first ones of each turn are looked at closely:
+/// no datagram holds more.
+const CANDIDATES_MAX: usize = 160;
+/// Where more wait, what each gathers is found anew after this number of ticks.
+const REWEIGH_TICKS: u32 = 4;
 
 /// The server's end of one client's pose stream: it encodes poses into datagrams.
 ///
@@ -77,17 +82,10 @@ pub struct PoseEncoder {
 struct Due {
     avatar: AvatarId,
     pose: WirePose,
-    /// Where the viewer is shown the avatar, as far as is known.
-    shown: Option<WirePose>,
     acknowledged: Option<Acknowledged>,
-    /// The tick since which it waits.
-    since: u32,
-    /// What it has gathered.
-    priority: f32,
-    /// The new course, or none when the last one goes again.
-    new: Option<Course>,
-    /// Whether it goes only with a datagram that is sent anyway.
-    is_along: bool,
+    rank: Rank,
+    /// Whether it has waited, and is not the last one again.
+    is_new: bool,
 }
 
 impl PoseEncoder {
@@ -134,22 +132,20 @@ impl PoseEncoder {
     pub fn tell(&mut self, tick: u32, from: Vec3, poses: &[(AvatarId, Pose)]) {
         debug_assert!(poses.is_sorted_by(|(a, _), (b, _)| a < b), "poses in ascending order");
         self.from = from;
-        let new = |(avatar, pose): &(AvatarId, Pose)| {
+        let mut before = std::mem::take(&mut self.waiting).into_iter().peekable();
+        self.waiting.reserve(before.len() + poses.len());
+        for (avatar, pose) in poses {
             let course = Course { tick, pose: pose.into() };
-            Waiting { avatar: *avatar, course, since: tick, priority: 0.0 }
-        };
-        if self.waiting.is_empty() {
-            self.waiting.extend(poses.iter().map(new));
-            return;
-        }
-        let before = self.waiting.len();
-        for told in poses.iter().map(new) {
-            match self.waiting[..before].binary_search_by_key(&told.avatar, |w| w.avatar) {
-                Ok(at) => self.waiting[at].course = told.course,
-                Err(_) => self.waiting.push(told),
+            while let Some(other) = before.next_if(|waiting| waiting.avatar < *avatar) {
+                self.waiting.push(other);
             }
+            let known = before.next_if(|waiting| waiting.avatar == *avatar);
+            self.waiting.push(match known {
+                Some(waiting) => Waiting { course, ..waiting },
+                None => Waiting::new(*avatar, course),
+            });
         }
-        self.waiting.sort_by_key(|waiting| waiting.avatar);
+        self.waiting.extend(before);
     }
 
     /// Of how many avatars a course was sent.
@@ -279,24 +275,78 @@ impl PoseEncoder {
         if is_clean { u32::MAX } else { COPY_TICKS }
     }
 
+    /// Lets the courses that wait gather priority for a tick.
+    fn gather(&mut self) {
+        let Self { tick, interval, from, ref avatars, ref mut waiting, .. } = *self;
+        for waiting in waiting {
+            if waiting.weighed.is_none_or(|weighed| weighed.saturating_add(REWEIGH_TICKS) <= tick) {
+                let record = avatars.get(&waiting.avatar);
+                let shown = record.map(|record| record.course.at(tick, interval));
+                let times = [interval * tick.saturating_sub(waiting.since), interval];
+                let pose = waiting.course.at(tick, interval);
+                (waiting.weight, waiting.is_near) = weigh(from, shown.as_ref(), &pose, times);
+                waiting.weighed = Some(tick);
+            }
+            waiting.priority += waiting.weight;
+        }
+    }
+
+    fn rank(&self, waiting: &Waiting) -> Rank {
+        let waited = self.interval * self.tick.saturating_sub(waiting.since);
+        Rank { turn: Turn::of_new(waited, waiting.is_near), priority: waiting.priority }
+    }
+
+    /// The courses that wait and may go with a datagram, by position in ascending order: all, or in
+    /// a crowd the first ones of each turn.
+    fn candidates(&self) -> Vec<u32> {
+        let all = 0..self.waiting.len() as u32;
+        if self.waiting.len() <= CANDIDATES_MAX {
+            return all.collect();
+        }
+        let mut turns: [Vec<(f32, u32)>; 3] = Default::default();
+        for (waiting, at) in self.waiting.iter().zip(all) {
+            let Rank { turn, priority } = self.rank(waiting);
+            turns[turn as usize].push((priority, at));
+        }
+        let mut candidates: Vec<u32> = Vec::with_capacity(CANDIDATES_MAX);
+        for (turn, all) in [Turn::Overdue, Turn::Near, Turn::Far].into_iter().zip(&mut turns) {
+            // The overdue and the near take turns, so there must be enough of both.
+            let most = match turn {
+                Turn::Far => CANDIDATES_MAX.saturating_sub(candidates.len()),
+                _ => CANDIDATES_MAX,
+            };
+            if most < all.len() {
+                all.select_nth_unstable_by(most, |(a, _), (b, _)| b.total_cmp(a));
+                all.truncate(most);
+            }
+            candidates.extend(all.iter().map(|(_, at)| *at));
+        }
+        candidates.sort_unstable();
+        candidates
+    }
+
     /// What may go with a datagram, in ascending order of id.
     fn due(&mut self) -> Vec<Due> {
         let Self { tick, interval, .. } = *self;
-        let waiting = std::mem::take(&mut self.waiting);
-        let mut due: Vec<Due> = Vec::with_capacity(waiting.len());
-        for Waiting { avatar, course, since, priority } in waiting {
+        self.gather();
+        let candidates = self.candidates();
+        let mut due: Vec<Due> = Vec::with_capacity(candidates.len());
+        let mut known: Vec<AvatarId> = Vec::new();
+        for at in candidates {
+            let waiting = &self.waiting[at as usize];
+            let (avatar, pose) = (waiting.avatar, waiting.course.at(tick, interval));
             let record = self.avatars.get(&avatar);
-            let (pose, new) = (course.at(tick, interval), Some(course));
-            let shown = record.map(|record| record.course.at(tick, interval));
-            let acknowledged = record.and_then(|record| record.acknowledged);
-            if shown != Some(pose) {
-                let is_along = false;
-                due.push(Due { avatar, pose, shown, acknowledged, since, priority, new, is_along });
+            if record.is_some_and(|record| record.course.at(tick, interval) == pose) {
+                known.push(avatar);
+                continue;
             }
+            let acknowledged = record.and_then(|record| record.acknowledged);
+            due.push(Due { avatar, pose, acknowledged, rank: self.rank(waiting), is_new: true });
         }
+        self.remove_waiting(&known);
         let new = due.len();
         self.repeat(&mut due);
-        if due.iter().all(|due| due.is_along) {
+        if due.iter().all(|due| due.rank.turn == Turn::Along) {
             due.clear();
         }
         if due.len() > new {
@@ -305,9 +355,21 @@ impl PoseEncoder {
         due
     }
 
+    /// Removes courses from those that wait. The ids are in ascending order.
+    fn remove_waiting(&mut self, ids: &[AvatarId]) {
+        debug_assert!(ids.is_sorted(), "ids in ascending order");
+        let mut ids = ids.iter().peekable();
+        if ids.len() > 0 {
+            self.waiting.retain(|waiting| {
+                while ids.next_if(|id| **id < waiting.avatar).is_some() {}
+                ids.peek().is_none_or(|id| **id != waiting.avatar)
+            });
+        }
+    }
+
     /// Adds the courses that go again.
     fn repeat(&mut self, due: &mut Vec<Due>) {
-        let Self { tick, interval, .. } = *self;
+        let Self { tick, interval, from, .. } = *self;
         let (resend_ticks, copy_ticks) = (self.resend_ticks(), self.copy_ticks());
         let (avatars, new) = (&self.avatars, due.len());
         let mut consider = |avatar: AvatarId, record: &AvatarRecord| {
@@ -318,15 +380,20 @@ impl PoseEncoder {
                 return;
             }
             let AvatarRecord { course, acknowledged, .. } = *record;
+            let pose = course.at(tick, interval);
+            let shown = acknowledged.map(|known| known.course.at(tick, interval));
+            let ticks = tick.saturating_sub(course.tick);
+            let waited = interval * ticks;
+            let (weight, is_near) = weigh(from, shown.as_ref(), &pose, [waited, interval]);
+            // Nothing is kept of those that go again: they gather as much at each tick.
+            let priority = weight * ticks.max(1) as f32;
+            let turn = if must { Turn::of_new(waited, is_near) } else { Turn::Along };
             due.push(Due {
                 avatar,
-                pose: course.at(tick, interval),
-                shown: acknowledged.map(|known| known.course.at(tick, interval)),
+                pose,
                 acknowledged,
-                since: course.tick,
-                priority: 0.0,
-                new: None,
-                is_along: !must,
+                rank: Rank { turn, priority },
+                is_new: false,
             });
         };
         let soonest = resend_ticks.min(copy_ticks).min(REPEAT_TICKS);
@@ -354,58 +421,23 @@ impl PoseEncoder {
 
     /// Chooses what goes into the next datagram, whose entries may take this number of bytes: all
     /// that is due, or what matters most. The rest waits on.
-    fn choose(&mut self, due: Vec<Due>, room: usize) -> (Draft, Vec<Due>) {
+    fn choose(&mut self, mut due: Vec<Due>, room: usize) -> (Draft, Vec<Due>) {
         let mut draft = Draft::default();
         let add = |draft: &mut Draft, due: &Due, encoder: &Self| {
             draft.add(due.avatar, encoder.baseline(due.acknowledged), due.pose, room)
         };
-        if due.iter().all(|due| add(&mut draft, due, self)) && draft.shrink(room) == due.len() {
-            return (draft, due);
+        let fits = due.iter().all(|due| add(&mut draft, due, self));
+        if !fits || draft.shrink(room) < due.len() {
+            draft.clear();
+            due = in_turns(due);
+            let _ = due.iter().all(|due| add(&mut draft, due, self));
+            due.truncate(draft.shrink(room));
         }
-        draft.clear();
-        let mut due = self.ranked(due);
-        let _ = due.iter().all(|due| add(&mut draft, due, self));
-        let left = due.split_off(draft.shrink(room));
-        self.waiting = left.into_iter().filter_map(Due::waiting).collect();
-        self.waiting.sort_unstable_by_key(|waiting| waiting.avatar);
+        let mut new: Vec<AvatarId> =
+            due.iter().filter(|due| due.is_new).map(|due| due.avatar).collect();
+        new.sort_unstable();
+        self.remove_waiting(&new);
         (draft, due)
-    }
-
-    /// Lets what is due gather priority, and brings it into the order of its turns. Those that are
-    /// overdue and those near by take turns.
-    fn ranked(&self, due: Vec<Due>) -> Vec<Due> {
-        let mut ranked: Vec<(Rank, Due)> = due.into_iter().map(|due| self.rank(due)).collect();
-        ranked.sort_unstable_by(|(a, _), (b, _)| a.compare(b));
-        let first = |turn: Turn| ranked.partition_point(|(rank, _)| rank.turn < turn);
-        let (overdue, near) = (first(Turn::Near), first(Turn::Far));
-        let mut ranked = ranked.into_iter().map(|(_, due)| due);
-        let mut overdue = Vec::from_iter(ranked.by_ref().take(overdue)).into_iter();
-        let mut near = Vec::from_iter(ranked.by_ref().take(near - overdue.len())).into_iter();
-        let mut ordered = Vec::with_capacity(overdue.len() + near.len() + ranked.len());
-        while overdue.len() + near.len() > 0 {
-            ordered.extend(overdue.next());
-            ordered.extend(near.next());
-        }
-        ordered.extend(ranked);
-        ordered
-    }
-
-    fn rank(&self, due: Due) -> (Rank, Due) {
-        let waited = self.interval * self.tick.saturating_sub(due.since);
-        let times = [waited, self.interval];
-        let (weight, is_near) = weigh(self.from, due.shown.as_ref(), &due.pose, times);
-        let gathered = match due.new {
-            Some(_) => due.priority + weight,
-            // Nothing is kept of those that go again: they gather as much at each tick.
-            None => weight * self.tick.saturating_sub(due.since).max(1) as f32,
-        };
-        let turn = match () {
-            () if due.is_along => Turn::Along,
-            () if waited >= OVERDUE => Turn::Overdue,
-            () if is_near => Turn::Near,
-            () => Turn::Far,
-        };
-        (Rank { turn, priority: gathered }, Due { priority: gathered, ..due })
     }
 
     /// The baseline for an avatar in the next datagram: where its newest acknowledged course, if it
@@ -423,7 +455,7 @@ impl PoseEncoder {
     fn note(&mut self, due: &Due, sequence: u32) {
         let course = Course { tick: self.tick, pose: due.pose };
         match self.avatars.entry(due.avatar) {
-            Entry::Occupied(mut record) if due.new.is_none() => {
+            Entry::Occupied(mut record) if !due.is_new => {
                 record.get_mut().repeat(self.tick, sequence);
             }
             Entry::Occupied(mut record) => {
@@ -455,10 +487,20 @@ impl PoseEncoder {
     }
 }
 
-impl Due {
-    /// A new course that waits on.
-    fn waiting(self) -> Option<Waiting> {
-        let Self { avatar, since, priority, .. } = self;
-        self.new.map(|course| Waiting { avatar, course, since, priority })
+/// Brings what is due into the order of its turns. Those that are overdue and those near by take
+/// turns.
+fn in_turns(mut due: Vec<Due>) -> Vec<Due> {
+    due.sort_unstable_by(|a, b| a.rank.compare(&b.rank));
+    let first = |turn: Turn| due.partition_point(|due| due.rank.turn < turn);
+    let (overdue, near) = (first(Turn::Near), first(Turn::Far));
+    let mut ordered = Vec::with_capacity(due.len());
+    let mut due = due.into_iter();
+    let mut overdue = Vec::from_iter(due.by_ref().take(overdue)).into_iter();
+    let mut near = Vec::from_iter(due.by_ref().take(near - overdue.len())).into_iter();
+    while overdue.len() + near.len() > 0 {
+        ordered.extend(overdue.next());
+        ordered.extend(near.next());
     }
+    ordered.extend(due);
+    ordered
 }

@@ -14,6 +14,9 @@ use crate::quantise::{SPEED_UNITS, WirePose};
 
 /// Avatars within this distance of their viewer come first, in metres.
 pub const NEAR_M: f32 = 10.0;
+/// Who is near is found anew only every few ticks, in which two people come closer by no more than
+/// this, in metres.
+const NEAR_SLACK_M: f32 = 2.0;
 /// A course that has waited for this long comes before all that have not.
 pub const OVERDUE: Duration = Duration::from_millis(1_500);
 /// How far a turn by a radian moves the side of a body, in metres.
@@ -30,6 +33,19 @@ pub(super) struct Waiting {
     pub(super) since: u32,
     /// What it has gathered.
     pub(super) priority: f32,
+    /// What it gathers in a tick, and whether its avatar is near. In a crowd that is found anew
+    /// only every few ticks; the tick at which it was found last is `None` before.
+    pub(super) weight: f32,
+    pub(super) is_near: bool,
+    pub(super) weighed: Option<u32>,
+}
+
+impl Waiting {
+    /// A course that waits since its own tick.
+    pub(super) fn new(avatar: AvatarId, course: Course) -> Self {
+        let (priority, weight, is_near, weighed) = (0.0, 0.0, false, None);
+        Self { avatar, course, since: course.tick, priority, weight, is_near, weighed }
+    }
 }
 
 /// In which turn a course goes, the first first.
@@ -43,6 +59,17 @@ pub(super) enum Turn {
     Far,
     /// It may go again with a datagram that is sent anyway.
     Along,
+}
+
+impl Turn {
+    /// That of a course that must go, and has waited for this long.
+    pub(super) fn of_new(waited: Duration, is_near: bool) -> Self {
+        match () {
+            () if waited >= OVERDUE => Self::Overdue,
+            () if is_near => Self::Near,
+            () => Self::Far,
+        }
+    }
 }
 
 /// The order of a course among all that are due.
@@ -81,5 +108,5 @@ pub(super) fn weigh(
     };
     let size = 1.0 / away_m.max(1.0);
     let weight = (error_m.max(ERROR_MIN_M) + speed * interval.as_secs_f32()) * size;
-    (weight, away_m <= NEAR_M)
+    (weight, away_m <= NEAR_M + NEAR_SLACK_M)
 }
