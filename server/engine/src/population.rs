@@ -213,7 +213,8 @@ impl Avatar {
         let one_way = horizons.one_way(self.round_trip);
         let margin = self.arrivals.margin();
         // An absent avatar stands by the server's word.
-        let silence = if self.is_absent { Duration::ZERO } else { now.saturating_sub(self.heard_at) };
+        let silence =
+            if self.is_absent { Duration::ZERO } else { now.saturating_sub(self.heard_at) };
         let Some(made) = self.report_made.filter(|_| self.orders.is_understood()) else {
             return LastKnown { after: Duration::ZERO, age: silence + one_way + margin + late };
         };
