@@ -76,12 +76,13 @@ fn told(page: &str) -> BTreeSet<String> {
         let words = queries.flat_map(|query| query.split(|c: char| !is_name(c)));
         words.filter(|word| word.starts_with("sightline_")).map(str::to_owned).collect()
     } else {
-        let table = text.split_once("## Metrics").unwrap().1;
+        let headings = ["## Metrics", "## What to watch"];
+        let (_, table) = headings.iter().find_map(|heading| text.split_once(heading)).unwrap();
         let firsts = table.lines().filter_map(|line| line.strip_prefix("| `")?.split(" |").next());
         let names = firsts.flat_map(|cell| cell.split(|c: char| !is_name(c)));
         names.filter(|name| !name.is_empty()).map(|name| format!("sightline_{name}")).collect()
     };
-    assert!(named.len() > 10, "{named:?}");
+    assert!(named.len() > 6, "{named:?}");
     // A histogram has its own name in the table only.
     let rows = |name: String| {
         if name.ends_with("tick_seconds") || name.ends_with("trip_seconds") {
@@ -91,6 +92,18 @@ fn told(page: &str) -> BTreeSet<String> {
         }
     };
     named.into_iter().map(rows).collect()
+}
+
+/// The metrics of a station are those that its page tells of.
+pub async fn check_metrics_of_station(server: &Server) {
+    let http = listen(server, &Limits::default()).await;
+    let now = metrics(http.local_addr()).await;
+    let known: BTreeSet<&str> = now.keys().filter_map(|name| name.split('{').next()).collect();
+    let told = told("several-servers.md");
+    let missing: Vec<_> = told.iter().filter(|name| !known.contains(name.as_str())).collect();
+    assert!(missing.is_empty(), "{missing:?} are not there: {known:?}");
+    assert_eq!(now["sightline_bus_connected"], 1.0);
+    assert!(now["sightline_bus_bytes_total{direction=\"in\",kind=\"heartbeat\"}"] > 0.0);
 }
 
 #[tokio::test(flavor = "multi_thread")]

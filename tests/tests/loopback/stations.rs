@@ -22,7 +22,7 @@ use sightline_server::{
 use sightline_world::motion::AvatarId;
 use tokio::runtime::{self, Runtime};
 
-use crate::{PATIENCE, hears};
+use crate::{PATIENCE, hears, operators::check_metrics_of_station};
 
 /// How many stations there are.
 const STATIONS: usize = 4;
@@ -207,6 +207,7 @@ fn four_stations_are_one_building_and_outlive_one_of_them_and_their_bus() {
     until("they know each other", || stations.iter().all(|s| s.neighbours() == STATIONS - 1));
 
     let clients = threads(1);
+    clients.block_on(check_metrics_of_station(&stations[0].server));
     walk(&clients, &stations);
     let mut standing = stand(&clients, &stations);
     until("all see all", || hold(&standing, |_, _| true));
