@@ -1,10 +1,7 @@
 //! A client that fetches a world in pieces over a simulated link, in virtual time, and draws what
 //! it has.
 
-use std::{
-    collections::{BTreeSet, VecDeque},
-    time::Duration,
-};
+use std::{collections::VecDeque, time::Duration};
 
 use glam::Vec3;
 use sightline_client_core::fetching::{Outlook, PieceError, PieceFetcher, ShownBranch};
@@ -53,8 +50,8 @@ pub struct StreamedVisit<'a> {
     under_way: VecDeque<(Duration, usize)>,
     /// The bytes that have arrived.
     pub bytes: usize,
-    /// The pieces that some picture needed.
-    pub needed: BTreeSet<usize>,
+    /// Whether the plan of the storey is wanted.
+    pub plan: bool,
     /// Whether everything is fetched in the end.
     pub all: bool,
 }
@@ -92,7 +89,7 @@ impl<'a> StreamedVisit<'a> {
             link_free: now - link.delay,
             under_way: VecDeque::new(),
             bytes: pieces.head.len(),
-            needed: BTreeSet::new(),
+            plan: false,
             all: false,
         })
     }
@@ -114,10 +111,10 @@ impl<'a> StreamedVisit<'a> {
             velocity,
             focal: camera.focal(self.frame.height()),
             shown: &shown,
+            plan: self.plan,
             all: self.all,
         };
         let is_sharp = is_open && self.fetcher.is_sharp(&outlook);
-        self.needed.extend(self.fetcher.needed(&outlook));
         for number in self.fetcher.next(&outlook, UNDER_WAY) {
             self.ask(number);
         }

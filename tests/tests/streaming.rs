@@ -5,6 +5,7 @@ use std::{ops::ControlFlow, sync::OnceLock, time::Duration};
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_client::camera_path::CameraPath;
 use sightline_compiler::{
     CompileOptions, LightMethod, compile,
     import::{self, glb},
@@ -14,7 +15,12 @@ use sightline_fixtures::shared_files::shared_file;
 use sightline_renderer::{Camera, Frame, Renderer};
 use sightline_tests::streaming::{SimulatedLink, StreamedVisit};
 use sightline_visibility::streaming::pieces_of;
-use sightline_world::{World, WorldHead, geometry::Aabb, motion::Pose, octree::Octree};
+use sightline_world::{
+    World, WorldHead, WorldPieces,
+    geometry::Aabb,
+    motion::Pose,
+    octree::{Octree, pieces::PartialOctree},
+};
 
 /// The number of boxes of eyes. Where the environment variable asks for more, there are more
 /// worlds.
@@ -71,12 +77,13 @@ fn direction(random: &mut SmallRng) -> Vec3 {
 }
 
 /// Checks by dense eyes that what they see is in the set of their space. Returns the share of the
-/// branches that is ruled out.
+/// branches that is ruled out, and prints that of the cells beside it.
 fn check_sets(name: &str, world: &World) -> f64 {
-    let head = WorldHead::read(&pieces_of(world).head).unwrap();
+    let head = WorldHead::read(&pieces_of(world, &[]).head).unwrap();
     let random = &mut SmallRng::seed_from_u64(3);
     let boxes = boxes().unwrap_or(BOXES_LEAST);
-    let (mut lines, mut seen_share) = (0, 0.0);
+    let (mut lines, mut seen_share, mut cells_share, mut eyes_in) = (0, 0.0, 0.0, 0);
+    let count = world.cells.cells.len() as f64;
     let spaces = &world.cells.spaces;
     for _ in 0..boxes {
         let bounds = spaces[random.random_range(0..spaces.len())].bounds;
@@ -86,11 +93,14 @@ fn check_sets(name: &str, world: &World) -> f64 {
         for _ in 0..EYES {
             let own = Vec3::from([0, 1, 2].map(|a| inside(eyes.min[a], eyes.max[a], random)));
             let eye = world.cells.axes.world(own);
-            if world.cells.at(eye).is_none() || world.octree.leaf_at(eye).is_some() {
+            let Some(cell) = world.cells.at(eye) else { continue };
+            if world.octree.leaf_at(eye).is_some() {
                 continue;
             }
             let seen = head.seen_from(eye).expect("a space is a viewpoint");
-            seen_share += seen.len() as f64 / head.octree.branches() as f64 / EYES as f64;
+            seen_share += seen.len() as f64 / head.octree.branches() as f64;
+            cells_share += world.cells.pvs[cell.0 as usize].len() as f64 / count;
+            eyes_in += 1;
             for _ in 0..LINES {
                 let along = direction(random);
                 let Some(point) = first_voxel(&world.octree, eye, along) else { continue };
@@ -101,8 +111,12 @@ fn check_sets(name: &str, world: &World) -> f64 {
         }
     }
     assert!(lines > boxes * LINES / 4, "{name}: {lines} lines");
-    let ruled_out = 1.0 - seen_share / boxes as f64;
-    println!("{name}: {boxes} boxes, {lines} lines, {:.1} % ruled out", ruled_out * 100.0);
+    let [ruled_out, cells] = [seen_share, cells_share].map(|seen| 1.0 - seen / f64::from(eyes_in));
+    println!(
+        "{name}: {boxes} boxes, {lines} lines, {:.1} % of branches and {:.1} % of cells ruled out",
+        ruled_out * 100.0,
+        cells * 100.0
+    );
     ruled_out
 }
 
@@ -121,7 +135,7 @@ fn what_some_eye_sees_is_in_the_set_of_its_space() {
 #[test]
 fn a_sharp_picture_is_that_of_the_whole_world_and_earlier_ones_have_no_hole() {
     let world = office();
-    let pieces = pieces_of(world);
+    let pieces = pieces_of(world, &[]);
     let link = SimulatedLink { bits_per_s: 4e6, delay: Duration::from_millis(50) };
     for spawn in world.spawns.iter().take(2) {
         let camera = Camera::at(&Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() });
@@ -153,9 +167,52 @@ fn a_sharp_picture_is_that_of_the_whole_world_and_earlier_ones_have_no_hole() {
 }
 
 #[test]
+fn a_walk_with_little_memory_shows_the_same_pictures() {
+    let world = office();
+    let pieces = pieces_of(world, &[]);
+    let whole = complete(&pieces).bytes();
+    let memory = whole / 3;
+    let link = SimulatedLink { bits_per_s: 1e9, delay: Duration::ZERO };
+    let mut visit = StreamedVisit::new(&pieces, link, SIZE).unwrap();
+    visit.fetcher.set_memory(memory);
+    let path = CameraPath::wandering(world, 3, 90.0);
+    let (mut renderer, mut expected) = (Renderer::default(), Frame::new(SIZE.0, SIZE.1));
+    let mut let_go = 0;
+    for (_, pose) in path.frames(24) {
+        let camera = Camera::at(&pose);
+        let mut steps = 0;
+        loop {
+            let here = visit.fetcher.octree().bytes();
+            let moment = visit.step(&camera, Vec3::ZERO).unwrap();
+            // What arrives in a frame's time may come on top.
+            assert!(visit.fetcher.octree().bytes() <= memory + whole / 8);
+            let_go += usize::from(visit.fetcher.octree().bytes() < here);
+            if moment.is_sharp {
+                break;
+            }
+            steps += 1;
+            assert!(steps < 1_000, "it is never sharp");
+        }
+        renderer.draw(&world.octree, &camera, &mut expected);
+        assert!(expected.colour == visit.frame.colour, "from {}", pose.eye);
+    }
+    assert!(let_go > 0, "nothing was let go of {whole} bytes");
+}
+
+/// A tree with all pieces.
+fn complete(pieces: &WorldPieces) -> PartialOctree {
+    let mut octree = WorldHead::read(&pieces.head).unwrap().octree;
+    let grades = usize::from(octree.grades());
+    for (number, piece) in pieces.pieces.iter().enumerate() {
+        octree.grow(number / grades, piece).unwrap();
+    }
+    octree
+}
+
+#[test]
 fn everything_arrives_in_the_end_where_it_is_wanted() {
     let world = office();
-    let pieces = pieces_of(world);
+    let pieces = pieces_of(world, &[]);
     let link = SimulatedLink { bits_per_s: 1e9, delay: Duration::ZERO };
     let mut visit = StreamedVisit::new(&pieces, link, SIZE).unwrap();
     visit.all = true;

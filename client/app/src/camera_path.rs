@@ -58,7 +58,18 @@ impl CameraPath {
     /// follow where there are few spawn points. Where nobody can walk, the camera turns on the
     /// spot.
     pub fn through(world: &World) -> Self {
-        let steps = walk_steps(world);
+        let spawns = world.spawns.iter().map(|spawn| spawn.eye).collect();
+        Self::walk(world, spawns, &mut SmallRng::seed_from_u64(1), LENGTH_MAX)
+    }
+
+    /// A walk of this length, in metres, from a random place to random places. Where nobody can
+    /// walk, the camera turns on the spot.
+    pub fn wandering(world: &World, seed: u64, length_m: f32) -> Self {
+        Self::walk(world, Vec::new(), &mut SmallRng::seed_from_u64(seed), length_m)
+    }
+
+    fn walk(world: &World, goals: Vec<Vec3>, random: &mut SmallRng, length_m: f32) -> Self {
+        let steps = walk_steps(world, goals, random, length_m);
         let walk =
             (steps.len() > 2 * AHEAD).then(|| Self::of_samples(&smoothed_walk(&steps))).flatten();
         walk.unwrap_or_else(|| Self::turn_on_the_spot(world))
@@ -170,30 +181,32 @@ fn slope(times: &[f64], values: &[[f32; 5]], i: usize, k: usize) -> f32 {
     }
 }
 
-/// The eyes of a walk from place to place, one step apart.
-fn walk_steps(world: &World) -> Vec<Vec3> {
+/// The eyes of a walk of at most this length, in metres, one step apart: from the first goal to the
+/// nearest one left, and after the last one to random places.
+fn walk_steps(
+    world: &World,
+    mut goals: Vec<Vec3>,
+    random: &mut SmallRng,
+    length_m: f32,
+) -> Vec<Vec3> {
     let navigation = Navigation::new(world);
-    let mut left: Vec<Vec3> = world.spawns.iter().map(|spawn| spawn.eye).collect();
-    if left.is_empty() || navigation.is_empty() {
-        return Vec::new();
-    }
-    let mut at = left.remove(0);
-    let mut random = SmallRng::seed_from_u64(1);
+    let first = if goals.is_empty() { None } else { Some(goals.remove(0)) };
+    let Some(mut at) = first.or_else(|| navigation.random(random)) else { return Vec::new() };
     let mut steps = Vec::new();
     // All but the last goals are reached, so this ends soon. Goals on islands cannot be reached:
     // the bound is for them.
-    for _ in 0..64 {
-        let nearest =
-            (0..left.len()).min_by(|&a, &b| left[a].distance(at).total_cmp(&left[b].distance(at)));
-        let goal = nearest.map(|i| left.swap_remove(i)).or_else(|| navigation.random(&mut random));
+    for _ in 0..64 + (length_m as usize) {
+        let nearest = (0..goals.len())
+            .min_by(|&a, &b| goals[a].distance(at).total_cmp(&goals[b].distance(at)));
+        let goal = nearest.map(|i| goals.swap_remove(i)).or_else(|| navigation.random(random));
         let Some(goal) = goal else { break };
         for place in navigation.path(at, goal).unwrap_or_default() {
             let count = (at.distance(place) / STEP).ceil().max(1.0);
             steps.extend((0..count as usize).map(|i| at.lerp(place, i as f32 / count)));
             at = place;
         }
-        if steps.len() as f32 * STEP >= LENGTH_MAX {
-            steps.truncate((LENGTH_MAX / STEP) as usize);
+        if steps.len() as f32 * STEP >= length_m {
+            steps.truncate((length_m / STEP) as usize);
             break;
         }
     }
@@ -274,6 +287,11 @@ mod tests {
         }
         let crossed = path.frames(500).any(|(_, pose)| pose.eye.x > 5.0);
         assert!(crossed);
+        let walks = [1, 2].map(|seed| CameraPath::wandering(&world, seed, 30.0));
+        for walk in &walks {
+            assert!((19.0..=20.0).contains(&walk.duration_s()), "{}", walk.duration_s());
+        }
+        assert_ne!(walks[0].at(0.0).eye, walks[1].at(0.0).eye);
     }
 
     #[test]

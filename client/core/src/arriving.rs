@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use sightline_world::{World, WorldHead, octree::Octree};
+use sightline_world::{World, WorldHead, octree::Octree, plan::Plan};
 
 use crate::fetching::{Outlook, PieceError, PieceFetcher};
 
@@ -13,7 +13,7 @@ pub struct ArrivingWorld {
     /// The world as it was entered, by which one knows it again.
     entered: Arc<World>,
     state: Arrived,
-    /// How many pieces were taken in.
+    /// The number of pieces that were taken in.
     taken: u64,
 }
 
@@ -69,6 +69,14 @@ impl ArrivingWorld {
         }
     }
 
+    /// Sets what the voxels may take while pieces are missing, in bytes, as
+    /// [`PieceFetcher::set_memory`] says.
+    pub fn set_memory(&mut self, bytes: usize) {
+        if let Arrived::Pieces(fetcher) = &mut self.state {
+            fetcher.set_memory(bytes);
+        }
+    }
+
     /// What fetches the pieces that are missing; `None` when none is.
     pub fn fetcher(&self) -> Option<&PieceFetcher> {
         match &self.state {
@@ -77,7 +85,13 @@ impl ArrivingWorld {
         }
     }
 
-    /// How many pieces were taken in: a picture that was drawn before shows something else.
+    /// The plan of the storey of a body with its soles at this height, in metres, if it has come as
+    /// a piece.
+    pub fn plan_at(&self, soles: f32) -> Option<&Arc<Plan>> {
+        self.fetcher()?.plan_at(soles)
+    }
+
+    /// The number of pieces that were taken in: a picture that was drawn before shows something else.
     pub fn taken(&self) -> u64 {
         self.taken
     }
@@ -104,6 +118,13 @@ impl ArrivingWorld {
     pub fn forget(&mut self, numbers: &[usize]) {
         if let Arrived::Pieces(fetcher) = &mut self.state {
             fetcher.forget(numbers);
+        }
+    }
+
+    /// Takes in that the server does not hand out pieces now, as [`PieceFetcher::refuse`] says.
+    pub fn refuse(&mut self, numbers: &[usize]) {
+        if let Arrived::Pieces(fetcher) = &mut self.state {
+            fetcher.refuse(numbers);
         }
     }
 
@@ -143,7 +164,7 @@ mod tests {
         let whole = voxel_floor::world(&[]);
         let octree = whole.octree.to_pieces();
         let seen = vec![(0..octree.branches.len() as u32).collect()];
-        let cut = WorldPieces::new(&whole, octree, &Viewpoints::of(&whole.cells), &seen);
+        let cut = WorldPieces::new(&whole, octree, &Viewpoints::of(&whole.cells), &seen, &[]);
         let mut world = ArrivingWorld::from_head(WorldHead::read(&cut.head).unwrap());
         let entered = world.world().clone();
         let eye = voxel_floor::SPAWN.eye;

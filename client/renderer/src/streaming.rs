@@ -13,9 +13,9 @@ use sightline_world::octree::pieces::PartialOctree;
 
 use super::{Camera, Frame, view::View};
 
-/// The branches that a picture shows, in ascending order, as told by every `step`th pixel of every
-/// `step`th row: that of what the pixel shows, and that of the glass before it. The picture must
-/// have been drawn of this octree with this camera.
+/// The branches that a picture shows, in ascending order. One pixel of `step`, in one row of `step`,
+/// tells two: that of what the pixel shows, and that of the glass before it. The picture must have
+/// been drawn of this octree with this camera.
 pub fn shown_branches(
     frame: &Frame,
     camera: &Camera,

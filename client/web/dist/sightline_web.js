@@ -73,24 +73,28 @@ export class Client {
         wasm.client_give(this.__wbg_ptr, ptr0, len0);
     }
     /**
-     * Gives what was at the path of pieces; nothing when it could not be had. Then they are asked
-     * for again.
+     * Gives what was at the path of pieces, without those whose numbers are `refused`, with commas
+     * between them; nothing when it could not be had. Then they are asked for again.
      * @param {string} path
-     * @param {Uint8Array | number[] | null} [bytes]
+     * @param {Uint8Array | number[] | null | undefined} bytes
+     * @param {string} refused
      */
-    give_pieces(path, bytes) {
-        let ptr0, len0, ptr1, len1;
+    give_pieces(path, bytes, refused) {
+        let ptr0, len0, ptr1, len1, ptr2, len2;
         try {
             ptr0 = passStringToWasm0(path, wasm.__wbindgen_malloc, wasm.__wbindgen_realloc);
             len0 = WASM_VECTOR_LEN;
             ptr1 = isLikeNone(bytes) ? 0 : passArray8ToWasm0(bytes, wasm.__wbindgen_malloc);
             len1 = WASM_VECTOR_LEN;
+            ptr2 = passStringToWasm0(refused, wasm.__wbindgen_malloc, wasm.__wbindgen_realloc);
+            len2 = WASM_VECTOR_LEN;
         } catch (e) {
+            if (ptr2) { wasm.__wbindgen_free(ptr2, len2 * 1, 1); }
             if (ptr1) { wasm.__wbindgen_free(ptr1, len1 * 1, 1); }
             if (ptr0) { wasm.__wbindgen_free(ptr0, len0 * 1, 1); }
             throw e;
         }
-        wasm.client_give_pieces(this.__wbg_ptr, ptr0, len0, ptr1, len1);
+        wasm.client_give_pieces(this.__wbg_ptr, ptr0, len0, ptr1, len1, ptr2, len2);
     }
     /**
      * Asks to be put back to the entrance.
@@ -141,8 +145,8 @@ export class Client {
         wasm.client_leave(this.__wbg_ptr);
     }
     /**
-     * Goes on making the plan of the storey that one is on, by some rows. Returns whether another
-     * one has been finished.
+     * Takes the plan of the storey that one is on, or goes on making it, by some rows. Returns
+     * whether there is another one now.
      * @param {number} rows
      * @returns {boolean}
      */
@@ -194,8 +198,8 @@ export class Client {
         return this;
     }
     /**
-     * The path of pieces to fetch now, if there are any. Those that are under way and these take
-     * at most so many bytes, or are one.
+     * The path of pieces to fetch now, if there are any. With those that are under way they take at
+     * most `bytes_max` bytes, or are one.
      * @param {number} bytes_max
      * @returns {string | undefined}
      */

@@ -1,5 +1,6 @@
 // The way to the server: joins, fetches worlds, and comes back by itself when the link breaks.
 
+import { settings } from "./settings.js";
 import { open } from "./transport.js";
 
 /** The pauses before the first attempts to come back, in milliseconds. Later ones are as the last. */
@@ -275,9 +276,13 @@ export class Link {
     this.requests += 1;
     this.requestAt = at + REQUEST_GAP_MS;
     let bytes;
+    let refused = "";
     try {
-      const answer = await fetch(path, { signal: AbortSignal.timeout(60_000) });
+      // Where geometry is private, the server must know who asks.
+      const headers = this.join?.private ? { "x-visitor": settings.secret } : {};
+      const answer = await fetch(path, { headers, signal: AbortSignal.timeout(60_000) });
       if (answer.ok) bytes = new Uint8Array(await answer.arrayBuffer());
+      refused = answer.headers.get("x-refused") ?? "";
     } catch {
       // The link breaks, or the server is started again: they are asked for again.
     }
@@ -290,7 +295,7 @@ export class Link {
       this.requestAt = now() + PIECES_PAUSE_MS;
     }
     if (client !== this.client) return;
-    client.give_pieces(path, bytes);
+    client.give_pieces(path, bytes, refused);
     this.settle();
   }
 

@@ -125,8 +125,8 @@ impl Client {
         self.connection.give(bytes);
     }
 
-    /// The path of pieces to fetch now, if there are any. Those that are under way and these take
-    /// at most so many bytes, or are one.
+    /// The path of pieces to fetch now, if there are any. With those that are under way they take at
+    /// most `bytes_max` bytes, or are one.
     pub fn next_pieces(&mut self, bytes_max: usize) -> Option<String> {
         let scene = self.scene.as_mut()?;
         let head = scene.head?;
@@ -135,15 +135,17 @@ impl Client {
         (!numbers.is_empty()).then(|| format!("pieces/{head}/{}", numbers.join(",")))
     }
 
-    /// Gives what was at the path of pieces; nothing when it could not be had. Then they are asked
-    /// for again.
-    pub fn give_pieces(&mut self, path: &str, bytes: Option<Vec<u8>>) {
+    /// Gives what was at the path of pieces, without those whose numbers are `refused`, with commas
+    /// between them; nothing when it could not be had. Then they are asked for again.
+    pub fn give_pieces(&mut self, path: &str, bytes: Option<Vec<u8>>, refused: &str) {
         let Some(scene) = &mut self.scene else { return };
         let Some(head) = scene.head else { return };
         // What comes of a world that was left is of no use.
         let Some(numbers) = path.strip_prefix(&format!("pieces/{head}/")) else { return };
-        let numbers: Vec<usize> = numbers.split(',').filter_map(|n| n.parse().ok()).collect();
-        if let Err(error) = scene.give_pieces(&numbers, bytes.as_deref()) {
+        let [numbers, refused] = [numbers, refused].map(|list| {
+            list.split(',').filter_map(|number| number.parse().ok()).collect::<Vec<usize>>()
+        });
+        if let Err(error) = scene.give_pieces(&numbers, bytes.as_deref(), &refused) {
             self.connection.refuse_world(&error.to_string());
         }
     }
@@ -265,8 +267,8 @@ impl Client {
         serde_json::to_string(&rooms).unwrap_or_default()
     }
 
-    /// Goes on making the plan of the storey that one is on, by some rows. Returns whether another
-    /// one has been finished.
+    /// Takes the plan of the storey that one is on, or goes on making it, by some rows. Returns
+    /// whether there is another one now.
     pub fn make_plan(&mut self, rows: usize) -> bool {
         self.scene.as_mut().is_some_and(|scene| scene.make_plan(rows))
     }

@@ -12,13 +12,13 @@ use sightline_client_core::{
 use sightline_renderer::{
     Camera, Frame, Renderer,
     moving::{Culling, InView, MovingRenderer},
-    plan::{Plan, PlanSketch},
     streaming::shown_branches,
 };
 use sightline_visibility::rooms::{BuildingSight, RoomIndex};
 use sightline_world::{
     PieceId, World,
     motion::Pose,
+    plan::{Plan, PlanSketch},
     rooms::{Room, RoomId},
 };
 
@@ -34,7 +34,8 @@ const FOV_X_MIN: f32 = 0.95;
 const TAKEN_BYTES: usize = 24 * 1_024;
 /// The most pieces of a request.
 const REQUEST_MAX: usize = 256;
-/// While the eye moves, every so many pixels and rows tell what a picture shows.
+/// While the eye moves, one pixel of this number, in one row of this number, tells what a picture
+/// shows.
 const LOOK_STEP: usize = 4;
 /// The picture where too little of the building is here.
 const NOTHING: u32 = 0x0038_4450;
@@ -73,7 +74,7 @@ pub(crate) struct Scene {
     /// The camera and how many pieces were taken in, and since when it has been those.
     view: ((Camera, u64), Duration),
     seen: Vec<ShownAvatar>,
-    plan: Option<Plan>,
+    plan: Option<Arc<Plan>>,
     sketch: Option<PlanSketch>,
     /// Pieces that have come and are not taken in yet.
     arrived: VecDeque<(usize, Vec<u8>)>,
@@ -81,6 +82,8 @@ pub(crate) struct Scene {
     branches: (Vec<ShownBranch>, usize),
     /// The columns and rows of a picture at rest.
     full_size: (usize, usize),
+    /// Whether the plan of the storey is wanted.
+    wants_plan: bool,
     /// Whether all of the building is wanted, and not only what is seen.
     wants_all: bool,
     /// Where the body is to go once all of the building is here.
@@ -141,6 +144,7 @@ impl Scene {
             arrived: VecDeque::new(),
             branches: (Vec::new(), usize::MAX),
             full_size: (0, 0),
+            wants_plan: false,
             wants_all: false,
             goal: None,
             building,
@@ -208,8 +212,8 @@ impl Scene {
         self.walk.stop();
     }
 
-    /// The numbers of pieces to fetch now. With those that are under way they take at most so many
-    /// bytes, or are one.
+    /// The numbers of the pieces to fetch now. With those that are under way they take at most
+    /// `bytes_max` bytes, or are one.
     pub(crate) fn next_pieces(&mut self, bytes_max: usize) -> Vec<usize> {
         let pose = self.walk.pose();
         let size = if self.full_size.1 > 0 { self.full_size } else { return Vec::new() };
@@ -218,6 +222,7 @@ impl Scene {
             velocity: pose.velocity,
             focal: camera(&pose, size).focal(size.1),
             shown: &self.branches.0,
+            plan: self.wants_plan,
             all: self.wants_all,
         };
         let mut next = self.building.next(&outlook, bytes_max);
@@ -228,7 +233,8 @@ impl Scene {
         next
     }
 
-    /// Gives pieces, one after the other; nothing when they could not be had.
+    /// Gives pieces, one after the other, but for those that the server refused; nothing when they
+    /// could not be had.
     ///
     /// # Errors
     /// When they are not the pieces of these numbers.
@@ -236,12 +242,14 @@ impl Scene {
         &mut self,
         numbers: &[usize],
         bytes: Option<&[u8]>,
+        refused: &[usize],
     ) -> Result<(), PieceError> {
+        self.building.refuse(refused);
         let (Some(mut rest), Some(fetcher)) = (bytes, self.building.fetcher()) else {
             self.building.forget(numbers);
             return Ok(());
         };
-        for &number in numbers {
+        for &number in numbers.iter().filter(|number| !refused.contains(number)) {
             let (_, length) = fetcher.piece(number).ok_or(PieceError::Unknown)?;
             let piece = rest.split_off(..length as usize).ok_or(PieceError::Damaged)?;
             self.arrived.push_back((number, piece.to_vec()));
@@ -380,20 +388,23 @@ impl Scene {
         &self.pixels
     }
 
-    /// Goes on making the plan of the storey that one is on. Returns whether it is finished now.
+    /// Takes the plan of the storey that one is on, if it has come as a piece, or goes on making it
+    /// from a whole building. Returns whether there is another one now.
     pub(crate) fn make_plan(&mut self, rows: usize) -> bool {
+        self.wants_plan = true;
         let soles = self.soles();
-        let Some(world) = self.building.complete() else {
-            // A plan shows what one has not seen, too.
-            self.wants_all = true;
-            return false;
-        };
-        if self.sketch.is_none() && !self.plan.as_ref().is_some_and(|plan| plan.serves(soles)) {
+        let is_served = self.plan.as_ref().is_some_and(|plan| plan.serves(soles));
+        if !is_served && let Some(plan) = self.building.plan_at(soles) {
+            self.plan = Some(plan.clone());
+            return true;
+        }
+        let Some(world) = self.building.complete() else { return false };
+        if self.sketch.is_none() && !is_served {
             self.sketch = Some(PlanSketch::new(world, soles));
         }
         let Some(sketch) = &mut self.sketch else { return false };
         let Some(plan) = sketch.go_on(world, rows) else { return false };
-        (self.plan, self.sketch) = (Some(plan), None);
+        (self.plan, self.sketch) = (Some(Arc::new(plan)), None);
         true
     }
 

@@ -17,7 +17,7 @@
 //! Other modules look at a compiled world: [`verdict`] says in plain words what walls hide,
 //! [`verify`] compares its PVS with rays, [`plan`] draws it from above, [`suggest`] proposes rooms,
 //! [`light_check`] compares light with traced paths, [`carve_preview`] draws what carving does, and
-//! [`octree_statistics`] counts voxels and bytes.
+//! [`octree_statistics`] counts voxels and bytes. [`storeys()`] finds the storeys of a building.
 //!
 //! ```
 //! use std::ops::ControlFlow;
@@ -67,3 +67,4 @@ pub use error::CompileError;
 pub use light::{LightFigures, LightMethod, LightQuality};
 pub use progress::Stage;
 pub use report::CompileReport;
+pub use storeys::storeys;

@@ -28,8 +28,9 @@ const FLOOR_MIN_SHARE: f32 = 0.02;
 /// Heights of floors are rounded to this, in metres.
 const BIN_M: f32 = 0.25;
 
-/// The heights of the storeys' floors, ascending.
-pub(crate) fn storeys(world: &World) -> Vec<f32> {
+/// The heights of the storeys' floors, in metres, ascending: a level cut above each of them shows
+/// every floor.
+pub fn storeys(world: &World) -> Vec<f32> {
     storeys_within(world, &area(world))
 }
 

@@ -5,7 +5,6 @@ use std::{
     ops::ControlFlow,
     path::{Path, PathBuf},
     sync::Arc,
-    time::SystemTime,
 };
 
 use sightline_compiler::{CompileError, CompileOptions, CompileReport, Stage, compile};
@@ -14,6 +13,7 @@ use thiserror::Error;
 
 use crate::{
     building_files::{BuildingSource, SourceError},
+    kept_files,
     net::ServedWorld,
 };
 
@@ -34,18 +34,13 @@ impl CacheKey {
     /// # Errors
     /// When a file, or the program's own, cannot be read.
     pub fn new(source: &BuildingSource, options: &CompileOptions) -> io::Result<Self> {
-        let program = blake3::hash(&fs::read(std::env::current_exe()?)?);
+        let program = kept_files::program()?;
         let options = blake3::hash(format!("{options:?}").as_bytes());
         Ok(Self::of_hashes(&[vec![program, options], source.content()?].concat()))
     }
 
-    /// The parts are hashed by themselves first, so that no two lists of parts run together.
     fn of_hashes(hashes: &[blake3::Hash]) -> Self {
-        let mut hasher = blake3::Hasher::new();
-        hashes.iter().for_each(|hash| {
-            hasher.update(hash.as_bytes());
-        });
-        Self(hasher.finalize())
+        Self(kept_files::joined(hashes))
     }
 }
 
@@ -135,9 +130,7 @@ impl BuildingCache {
     pub fn load(&self, key: CacheKey) -> Option<ServedWorld> {
         let path = self.path(key);
         let world = ServedWorld::from_bytes(fs::read(&path).ok()?).ok()?;
-        // It was used now. A cache that cannot be written still serves.
-        let file = fs::File::options().write(true).open(&path);
-        let _ = file.and_then(|file| file.set_modified(SystemTime::now()));
+        kept_files::used(&path);
         Some(world)
     }
 
@@ -149,26 +142,13 @@ impl BuildingCache {
         fs::create_dir_all(&self.folder)?;
         let path = self.path(key);
         write_whole(&path, building.bytes())?;
-        self.prune()?;
+        kept_files::prune(&self.folder, "slw", BUILDINGS_MAX)?;
         Ok(path)
     }
 
     /// Removes a building, if it is there.
     pub fn remove(&self, key: CacheKey) {
         let _ = fs::remove_file(self.path(key));
-    }
-
-    fn prune(&self) -> io::Result<()> {
-        let mut files: Vec<(SystemTime, PathBuf)> = Vec::new();
-        for entry in fs::read_dir(&self.folder)? {
-            let entry = entry?;
-            if entry.path().extension().is_some_and(|extension| extension == "slw") {
-                files.push((entry.metadata()?.modified()?, entry.path()));
-            }
-        }
-        files.sort();
-        let excess = files.len().saturating_sub(BUILDINGS_MAX);
-        files[..excess].iter().try_for_each(|(_, path)| fs::remove_file(path))
     }
 }
 

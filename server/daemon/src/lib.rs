@@ -59,6 +59,7 @@ pub mod building_files;
 pub mod bus;
 #[cfg(feature = "http")]
 pub mod http;
+mod kept_files;
 pub mod net;
 #[cfg_attr(
     not(feature = "web"),

@@ -2,12 +2,16 @@
 //!
 //! The client opens the stream, and begins with the number of the world. Then it sends requests:
 //! how many pieces, and their numbers. The server answers each request in order: of each piece the
-//! number and the length, and then its bytes. All integers have the lowest byte first.
+//! number and the length, and then its bytes. Of one that it does not hand out now, the length is
+//! [`REFUSED`], and no bytes follow. All integers have the lowest byte first.
 
 use super::DecodeError;
 
 /// The number by which a world's head is asked for. No piece has it.
 pub const HEAD: u32 = u32::MAX;
+
+/// In place of the length of a piece that is not handed out now. No piece is so long.
+pub const REFUSED: u32 = u32::MAX;
 
 /// The most pieces of a request.
 pub const REQUEST_MAX: usize = 256;

@@ -12,20 +12,22 @@ use sightline_world::{
     Viewpoints, World, WorldPieces,
     geometry::Aabb,
     octree::{Cursor, pieces::PartialOctree},
+    plan::Plan,
     tolerance::TOUCH_M,
 };
 
 /// Nodes of this number of levels count as filled: far away, they are drawn as a whole.
 const DRAWN_LEVELS: u8 = 2;
 
-/// Cuts a world into pieces.
+/// Cuts a world into pieces, with plans of the storeys on which soles are at these heights, in
+/// metres.
 ///
 /// ```
 /// use sightline_visibility::streaming;
 /// use sightline_world::WorldHead;
 ///
 /// let world = sightline_fixtures::voxel_floor::world(&[]);
-/// let pieces = streaming::pieces_of(&world);
+/// let pieces = streaming::pieces_of(&world, &[]);
 /// let mut head = WorldHead::read(&pieces.head)?;
 /// let seen = head.seen_from(world.spawns[0].eye).expect("the eye is in a cell").clone();
 /// for branch in seen {
@@ -37,7 +39,7 @@ const DRAWN_LEVELS: u8 = 2;
 /// }
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn pieces_of(world: &World) -> WorldPieces {
+pub fn pieces_of(world: &World, storeys: &[f32]) -> WorldPieces {
     let octree = world.octree.to_pieces();
     let viewpoints = Viewpoints::of(&world.cells);
     let seen = match PartialOctree::new(&octree.trunk) {
@@ -45,7 +47,8 @@ pub fn pieces_of(world: &World) -> WorldPieces {
         // A world's own trunk can be read; if not, everything may be seen.
         Err(_) => vec![(0..octree.branches.len() as u32).collect(); viewpoints.len()],
     };
-    WorldPieces::new(world, octree, &viewpoints, &seen)
+    let plans: Vec<Plan> = storeys.iter().map(|&soles| Plan::new(world, soles)).collect();
+    WorldPieces::new(world, octree, &viewpoints, &seen, &plans)
 }
 
 /// For each viewpoint, the branches that may be seen from some eye in it.
@@ -159,7 +162,7 @@ mod tests {
     #[test]
     fn what_lies_behind_a_wall_is_not_needed() {
         let world = closed_rooms();
-        let head = WorldHead::read(&pieces_of(&world).head).unwrap();
+        let head = WorldHead::read(&pieces_of(&world, &[]).head).unwrap();
         let all = head.octree.branches();
         for (x, beyond) in [(3.0, 6.0..12.0), (9.0, 0.0..6.0)] {
             let seen = head.seen_from(Vec3::new(x, 1.6, 3.0)).unwrap();

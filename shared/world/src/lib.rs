@@ -12,6 +12,7 @@
 //! * [`light`]: probes, which light avatars and movers.
 //! * [`rooms`]: what the author says may be seen from where. Data only: `sightline-visibility`
 //!   evaluates it.
+//! * [`plan`]: a storey from above.
 //! * [`Mesh`], [`Mover`] and [`Origin`]: the occluding triangles, the objects on trajectories, and
 //!   what a Quake map says of itself.
 //!
@@ -54,6 +55,7 @@ mod mover;
 pub mod octree;
 mod origin;
 mod packing;
+pub mod plan;
 pub mod rooms;
 pub mod tolerance;
 mod world;

@@ -81,6 +81,7 @@ async fn a_browser_joins_sees_is_seen_walks_chats_and_comes_back() {
     let handle = Handle::current();
     let (bo, page) = spawn_blocking(move || {
         rename(&mut page, "Ada");
+        see_the_plan(&mut page);
         walk_and_see(&mut page, &handle, &bo);
         chat(&mut page, &handle, &bo);
         assert!(page.faults.is_empty(), "{:?}", page.faults);
@@ -131,6 +132,14 @@ fn rename(page: &mut Browser, name: &str) {
     page.value(&format!("document.getElementById('name').value = {name:?}"));
     page.value("document.querySelector('#panel-settings [type=submit]').click()");
     page.until("sightline.client.is_in() && document.getElementById('panel').hidden");
+}
+
+/// The small plan is there before the building is.
+fn see_the_plan(page: &mut Browser) {
+    page.until("!document.getElementById('plan').hidden && sightline.client.plan() !== ''");
+    let share = page.value("sightline.client.share()").as_f64().unwrap();
+    println!("the plan is there with {:.1} % of the building", share * 100.0);
+    assert!(share < 1.0, "all was fetched for the plan");
 }
 
 /// Walks through a door to where Bo stands.

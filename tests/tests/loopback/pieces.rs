@@ -2,28 +2,31 @@
 
 use std::time::Duration;
 
+use base64::{Engine as _, prelude::BASE64_STANDARD};
 use sightline_client::net::{ConnectOptions, Dialer, Session, SessionState};
 use sightline_client_core::{arriving::ArrivingWorld, fetching::Outlook};
 use sightline_protocol::{
     VERSION, frame,
     message::{ClientMessage, ServerMessage},
-    piece_stream::{HEAD, requests},
+    piece_stream::{HEAD, REFUSED, before_piece, read_before_piece, requests},
 };
 use sightline_renderer::{Camera, Frame, Renderer, streaming::shown_branches};
 use sightline_server::{
     net::{Limits, ServeConfig, Server},
     web::WebServer,
 };
+use sightline_visibility::streaming::pieces_of;
 use sightline_world::{PieceId, WorldHead};
 
 use super::{
-    building::{self, EAST, WEST},
+    building::{self, EAST, WAY, WEST},
     config, holds, join, options,
     proxy::Proxy,
     serve,
-    stranger::{Stranger, hello},
+    stranger::{Stranger, hello, hello_and_enter},
     until,
-    visitor::get,
+    visitor::{Doors, Kind, Visitor, get},
+    walk,
 };
 
 const SIZE: (usize, usize) = (96, 54);
@@ -80,7 +83,8 @@ impl Eyes {
         }
         let focal = camera.focal(SIZE.1);
         let (eye, velocity) = (camera.eye, glam::Vec3::ZERO);
-        let outlook = Outlook { eye, velocity, focal, shown: &shown, all };
+        let outlook = Outlook { eye, velocity, focal, shown: &shown, plan: true, all };
+        self.building.refuse(&self.session.refused_pieces(&self.building));
         let next = self.building.next(&outlook, UNDER_WAY);
         self.session.ask_for_pieces(&self.building, &next);
         self.building.fetcher().is_none_or(|fetcher| fetcher.is_sharp(&outlook))
@@ -230,6 +234,97 @@ async fn who_asks_again_and_again_waits_and_is_counted() {
     let said = Stranger::connect(address).await.converse(&[hello(VERSION), goodbye].concat()).await;
     let is_offer = |message: &ServerMessage| matches!(message, ServerMessage::World { head: Some(head), .. } if head.bytes > 0);
     assert!(said.iter().any(is_offer), "{said:?}");
+}
+
+/// A server of the two rooms that hands out only what may be seen, and the numbers of the pieces
+/// that may be seen from the western room, and of those in the eastern one that may not.
+async fn serve_private() -> (Server, std::net::SocketAddr, [Vec<u32>; 2]) {
+    let (server, address) = serve_pieces(ServeConfig { private_geometry: true, ..config() }).await;
+    let world = building::world();
+    let head = WorldHead::read(&pieces_of(world.world(), &[]).head).unwrap();
+    let grades = u32::from(head.octree.grades());
+    let seen = head.seen_from(WEST).unwrap();
+    let (mut shown, mut hidden) = (Vec::new(), Vec::new());
+    for branch in 0..head.octree.branches() as u32 {
+        let is_east = head.octree.bounds_of(branch as usize).unwrap().min.x > WAY[3].x;
+        match (seen.contains(branch), is_east) {
+            (true, _) => shown.extend(branch * grades..(branch + 1) * grades),
+            (false, true) => hidden.extend(branch * grades..(branch + 1) * grades),
+            (false, false) => {}
+        }
+    }
+    (server, address, [shown, hidden])
+}
+
+/// Whether an avatar is in the world, seen or not.
+fn is_somebody_in(server: &Server) -> bool {
+    let counts = server.stats().counts;
+    counts.live + counts.quiet + counts.asked > 0
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn where_geometry_is_private_nobody_gets_what_cannot_be_seen() {
+    let (server, address, [shown, hidden]) = serve_private().await;
+    let http = super::operators::listen(&server, &Limits::default()).await;
+    assert!(!shown.is_empty() && hidden.len() > 20, "{} {}", shown.len(), hidden.len());
+    let stranger = Stranger::connect(address).await;
+    let _control = stranger.send(&hello_and_enter()).await;
+    let world = 1u32.to_le_bytes();
+    until("the stranger is in", || is_somebody_in(&server)).await;
+    let some = [shown[0], hidden[0], hidden[hidden.len() / 2]];
+    let got = asks(&stranger, &[&world[..], &requests(&some)].concat()).await;
+    let (before, rest) = got.split_first_chunk().unwrap();
+    let (number, bytes) = read_before_piece(*before);
+    assert_eq!(number, shown[0]);
+    let refused: Vec<u8> = some[1..].iter().flat_map(|at| before_piece(*at, REFUSED)).collect();
+    assert_eq!(rest[bytes as usize..], refused);
+    let counts = super::operators::metrics(http.local_addr()).await;
+    assert_eq!(counts["sightline_refused_total{reason=\"private_geometry\"}"], 2.0);
+
+    // The file would show all.
+    let whole = options(&server, "Carl", EAST);
+    assert!(Dialer::new(None).connect(address, &whole).await.is_err());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_walk_through_private_geometry_shows_what_the_whole_world_shows() {
+    let (server, address, _) = serve_private().await;
+    let mut ada = Eyes::join(&server, address, "Ada").await;
+    for place in WAY {
+        walk(&ada.session, place).await;
+        until("all is here that is to be seen", || ada.look(false)).await;
+        let expected = ada.expected();
+        assert!(ada.frame.colour == expected.colour && ada.frame.depth == expected.depth);
+    }
+    assert!(ada.building.complete().is_none());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn browsers_get_private_pieces_by_the_secret_of_their_visitor() {
+    let (server, _, [shown, hidden]) = serve_private().await;
+    let web =
+        WebServer::listen("127.0.0.1:0".parse().unwrap(), server.web_door().unwrap()).unwrap();
+    let address = web.local_addr();
+    let (_, _, body) = get(address, "/join.json", "").await;
+    let join: serde_json::Value = serde_json::from_slice(&body).unwrap();
+    assert_eq!(join["private"], true);
+    let (id, file) = (join["head"].as_str().unwrap(), join["world"].as_str().unwrap());
+    assert_eq!(get(address, &format!("/world/{file}"), "").await.0, 403);
+    let path = format!("/pieces/{id}/{},{}", shown[0], hidden[0]);
+    let (status, header, body) = get(address, &path, "").await;
+    assert!(status == 200 && header.contains("no-store") && body.is_empty(), "{header}");
+    let all = format!("x-refused: {},{}", shown[0], hidden[0]);
+    assert!(header.contains(&all), "nobody is known to ask: {header}");
+
+    let doors = Doors { quic: server.local_addr().unwrap(), web: address };
+    let mut ada = Visitor::greet(Kind::WebSocket, doors, "Ada", 7).await;
+    ada.until(|message| matches!(message, ServerMessage::World { .. }).then_some(())).await;
+    ada.say(&ClientMessage::Enter { world: 1, place: None, reports_from: 0 }).await;
+    ada.until(|message| matches!(message, ServerMessage::Entered { .. }).then_some(())).await;
+    let field = format!("x-visitor: {}\r\n", BASE64_STANDARD.encode([7; 32]));
+    let (_, header, body) = get(address, &path, &field).await;
+    assert!(header.contains(&format!("x-refused: {}\r\n", hidden[0])), "{header}");
+    assert!(!body.is_empty(), "she sees the first one");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -200,6 +200,17 @@ macro_rules! verify {
     };
 }
 
+macro_rules! streaming {
+    ($label:literal, $world:literal, $seconds:literal, $walks:literal) => {
+        Run {
+            label: $label,
+            args: &[concat!("WORLD/", $world), "--seconds"],
+            full: &[$seconds, "--walks", $walks, "--spawns", "12"],
+            quick: &["2", "--walks", "1", "--spawns", "1"],
+        }
+    };
+}
+
 /// Everything that is measured.
 pub const ALL: &[Measurement] = &[
     Measurement {
@@ -667,6 +678,32 @@ pub const ALL: &[Measurement] = &[
             ("share, spawns", "/spawns"),
             ("share, walk", "/walk"),
             ("forms, share", "/forms_spawns"),
+        ],
+    },
+    Measurement {
+        name: "streaming",
+        title: "Worlds that arrive in pieces",
+        note: "Over a simulated link of 10 Mbit/s with a delay of 50 ms one way, without the time that \
+               drawing takes: from the spawn points, and along random walks. Shares are by the file \
+               of the world, and by what is visible along the walk.",
+        program: Program::Bench("streaming"),
+        runs: &[
+            streaming!("rooms400, walks of 30 s", "rooms400", "30", "20"),
+            streaming!("rooms400, walk of 5 min", "rooms400", "300", "1"),
+            streaming!("oa_dm2, 18 mm", "oa_dm2-fine", "30", "20"),
+        ],
+        rows: "",
+        columns: &[
+            ("file, bytes", "/file_bytes"),
+            ("head, bytes", "/head_bytes"),
+            ("first picture, s", "/summary/first_picture_s/1"),
+            ("sharp, s, median", "/summary/sharp_s/0"),
+            ("worst", "/summary/sharp_s/1"),
+            ("transferred by then, share", "/summary/sharp_share/0"),
+            ("worst", "/summary/sharp_share/1"),
+            ("walks, share", "/summary/walk_share/0"),
+            ("worst", "/summary/walk_share/1"),
+            ("waited, s", "/summary/waited_s"),
         ],
     },
     Measurement {

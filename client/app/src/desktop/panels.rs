@@ -5,10 +5,13 @@ use std::sync::Arc;
 use sightline_client_core::replica::ShownAvatar;
 use sightline_renderer::{
     Frame,
-    plan::{Plan, PlanMark},
+    plan::{self, PlanMark},
     text,
 };
-use sightline_world::motion::{AvatarId, Pose};
+use sightline_world::{
+    motion::{AvatarId, Pose},
+    plan::Plan,
+};
 
 use super::overlay::{PLAIN, STRONG, line_height, scale};
 
@@ -103,7 +106,7 @@ impl Panel {
     pub(super) fn draw(&self, frame: &mut Frame) {
         match self {
             Self::Table { title, rows } => draw_table(frame, title, rows),
-            Self::Plan { plan, marks } => plan.draw(frame, marks),
+            Self::Plan { plan, marks } => plan::draw(plan, frame, marks),
         }
     }
 }

@@ -38,7 +38,8 @@ const MOVING_INTERVAL: Duration = Duration::from_millis(33);
 const UNDER_WAY: usize = 256 * 1_024;
 /// How long taking in pieces may hold up a picture.
 const TAKING: Duration = Duration::from_millis(6);
-/// While the eye moves, every so many pixels and rows tell what a picture shows.
+/// While the eye moves, one pixel of this number, in one row of this number, tells what a picture
+/// shows.
 const LOOK_STEP: usize = 4;
 /// The picture where too little of the building is here.
 const NOTHING: u32 = 0x0038_4450;
@@ -78,8 +79,8 @@ pub(super) struct Scene {
     arrived: VecDeque<(usize, Vec<u8>)>,
     /// The branches that the last picture shows, and how closely it was looked at.
     branches: (Vec<ShownBranch>, usize),
-    /// Whether all of the building is wanted, and not only what is seen.
-    pub(super) wants_all: bool,
+    /// Whether the plan of the storey is wanted.
+    pub(super) wants_plan: bool,
 }
 
 /// The clock by which movers are drawn. Without a server it goes on by itself.
@@ -129,7 +130,7 @@ impl Scene {
             draw_time: Duration::ZERO,
             arrived: VecDeque::new(),
             branches: (Vec::new(), usize::MAX),
-            wants_all: false,
+            wants_plan: false,
         }
     }
 
@@ -176,8 +177,8 @@ impl Scene {
         self.surroundings.building.is_open_at(self.pose().eye)
     }
 
-    /// Takes in pieces of the building that have come, and asks for those that are missing, for
-    /// pictures of so many rows.
+    /// Takes in pieces of the building that have come, and asks for those that are missing in
+    /// pictures with this number of rows.
     ///
     /// # Errors
     /// When a piece is malformed.
@@ -187,6 +188,7 @@ impl Scene {
             return Ok(());
         }
         self.arrived.extend(session.arrived_pieces(building));
+        building.refuse(&session.refused_pieces(building));
         let start = Instant::now();
         while let Some((number, piece)) = self.arrived.pop_front() {
             building.take(number, piece)?;
@@ -200,7 +202,8 @@ impl Scene {
             velocity,
             focal: Camera::at(&self.walker.pose()).focal(rows),
             shown: &self.branches.0,
-            all: self.wants_all,
+            plan: self.wants_plan,
+            all: false,
         };
         let next = building.next(&outlook, UNDER_WAY);
         if !next.is_empty() {

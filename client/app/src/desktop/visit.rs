@@ -11,7 +11,7 @@ use sightline_client_core::{
     replica::{Event, ShownAvatar},
     words,
 };
-use sightline_renderer::Frame;
+use sightline_renderer::{Frame, plan};
 use sightline_world::{
     Spawn, World,
     motion::{AvatarId, Pose},
@@ -335,19 +335,14 @@ impl<'a> Visit<'a> {
 fn plan_of(scene: &mut Scene, own: &Pose, told: &[ShownAvatar]) -> Panel {
     let title = |title: String| Panel::Table { title, rows: Vec::new() };
     let surroundings = &mut scene.surroundings;
-    let Some(world) = surroundings.building.complete() else {
-        // A plan shows what one has not seen, too.
-        scene.wants_all = true;
-        let share = surroundings.building.share() * 100.0;
-        return title(format!("The plan waits for the building: {share:.0} %"));
-    };
-    let below_eye = world.body.below_eye;
+    scene.wants_plan = true;
+    let below_eye = surroundings.building.world().body.below_eye;
     let soles = own.eye.y - below_eye;
-    let Some(plan) = surroundings.plans.at(world, soles) else {
-        return title("The plan is being drawn".to_owned());
+    let Some(plan) = surroundings.plans.at(&surroundings.building, soles) else {
+        return title("The plan of this storey is not here yet".to_owned());
     };
     let others = told.iter().map(|other| (other.pose, other.colour));
-    let marks = plan.marks(own, others, below_eye);
+    let marks = plan::marks(&plan, own, others, below_eye);
     Panel::Plan { plan, marks }
 }
 

@@ -10,7 +10,7 @@ use std::{
 use quinn::{Connection, RecvStream, SendStream};
 use sightline_protocol::{
     message::HeadOffer,
-    piece_stream::{BEFORE_PIECE_BYTES, HEAD, read_before_piece, requests},
+    piece_stream::{BEFORE_PIECE_BYTES, HEAD, REFUSED, read_before_piece, requests},
 };
 use sightline_world::{PieceId, ReadError, World, WorldHead};
 use tokio::{
@@ -55,6 +55,16 @@ struct Waiting {
     /// How many of the last of them were not asked for on this stream.
     unsent: usize,
     arrived: Vec<(usize, Vec<u8>)>,
+    refused: Vec<usize>,
+}
+
+impl Waiting {
+    /// A piece is missing no more.
+    fn strike(&mut self, number: u32) {
+        if let Some(at) = self.missing.iter().position(|missing| *missing == number) {
+            self.missing.remove(at);
+        }
+    }
 }
 
 impl PieceTraffic {
@@ -90,6 +100,11 @@ impl PieceTraffic {
     /// The pieces that have come since the last call.
     pub(super) fn take_arrived(&self) -> Vec<(usize, Vec<u8>)> {
         std::mem::take(&mut self.waiting().arrived)
+    }
+
+    /// The pieces that the server did not hand out since the last call.
+    pub(super) fn take_refused(&self) -> Vec<usize> {
+        std::mem::take(&mut self.waiting().refused)
     }
 
     /// On a new stream, all that is missing is to be asked for.
@@ -158,11 +173,16 @@ impl PieceTraffic {
             return Err(ReadError::Damaged);
         }
         let mut waiting = self.waiting();
-        if let Some(at) = waiting.missing.iter().position(|missing| *missing == number) {
-            waiting.missing.remove(at);
-        }
+        waiting.strike(number);
         waiting.arrived.push((number as usize, piece));
         Ok(())
+    }
+
+    /// Takes in that the server does not hand out a piece now.
+    fn refuse(&self, number: u32) {
+        let mut waiting = self.waiting();
+        waiting.strike(number);
+        waiting.refused.push(number as usize);
     }
 
     fn waiting(&self) -> MutexGuard<'_, Waiting> {
@@ -212,6 +232,10 @@ impl PieceStream {
                     Some(before) => before,
                     None => return StreamEnd::Ended,
                 };
+                if bytes == REFUSED && traffic.expected(number).is_some() {
+                    traffic.refuse(number);
+                    continue;
+                }
                 if traffic.expected(number) != Some(bytes) {
                     return StreamEnd::Faulty(ReadError::Damaged.into());
                 }
@@ -338,7 +362,7 @@ mod tests {
 
     #[tokio::test]
     async fn what_has_not_come_is_asked_for_again_on_the_next_stream() {
-        let cut = pieces_of(&voxel_floor::world(&[]));
+        let cut = pieces_of(&voxel_floor::world(&[]), &[]);
         let id = PieceId::of(&cut.head);
         let traffic = PieceTraffic::new(WorldHead::read(&cut.head).unwrap(), id, None);
         assert!(traffic.is_of(&HeadOffer { id: id.0, bytes: 0 }));
@@ -355,13 +379,17 @@ mod tests {
         traffic.begin();
         assert_eq!(traffic.next_numbers().await, [1, 2]);
         assert!(traffic.take_arrived().is_empty());
+        traffic.refuse(1);
+        assert_eq!((traffic.take_refused(), traffic.expected(1)), (vec![1], None));
+        traffic.begin();
+        assert_eq!(traffic.next_numbers().await, [2], "it is not missing");
     }
 
     #[tokio::test]
     async fn what_is_on_disk_is_not_asked_for() {
         let folder = tempfile::tempdir().unwrap();
         let store = PieceStore::new(folder.path().to_owned());
-        let cut = pieces_of(&voxel_floor::world(&[]));
+        let cut = pieces_of(&voxel_floor::world(&[]), &[]);
         let id = PieceId::of(&cut.head);
         let head = WorldHead::read(&cut.head).unwrap();
         let traffic = PieceTraffic::new(head, id, Some(store.clone()));

@@ -165,7 +165,7 @@ fn a_name_that_cannot_be_shown_is_refused_in_words() {
 
 #[test]
 fn a_world_that_is_offered_in_pieces_is_entered_with_its_head() {
-    let cut = sightline_visibility::streaming::pieces_of(&voxel_floor::world(&[]));
+    let cut = sightline_visibility::streaming::pieces_of(&voxel_floor::world(&[]), &[]);
     let id = PieceId::of(&cut.head);
     let head = Some(HeadOffer { id: id.0, bytes: cut.head.len() as u32 });
     let offer = |number| ServerMessage::World { number, id: [3; 32], bytes: 9, head };

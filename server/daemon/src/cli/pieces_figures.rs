@@ -1,6 +1,7 @@
 //! The pieces in which clients fetch a world, for `inspect --pieces`.
 
 use serde::Serialize;
+use sightline_compiler::storeys;
 use sightline_visibility::streaming;
 use sightline_world::{ReadError, World, WorldHead};
 
@@ -27,7 +28,7 @@ impl PiecesFigures {
     /// # Errors
     /// When the pieces cannot be read again.
     pub fn of(world: &World) -> Result<Self, ReadError> {
-        let cut = streaming::pieces_of(world);
+        let cut = streaming::pieces_of(world, &storeys(world));
         let head = WorldHead::read(&cut.head)?;
         let (branches, grades) = (head.octree.branches(), usize::from(head.octree.grades()));
         let length = |branch: usize| -> usize {

@@ -79,8 +79,8 @@ pub struct ServeArgs {
     /// What is printed can be the file for --config.
     #[arg(long)]
     print_config: bool,
-    /// The folder for the certificate, the database of visitors and compiled buildings. By default
-    /// it is in your home folder.
+    /// The folder for the certificate, the database of visitors, compiled buildings and their
+    /// pieces. By default it is in your home folder.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// How the log on stderr is written: as lines for people, or as one JSON object a line.

@@ -95,12 +95,15 @@ documented! {
         access: Access,
         /// For how many days chat is kept, for whoever runs the server to read; 0 when it is not.
         chat_days: u32,
-        /// The folder for the certificate, the database of visitors and compiled buildings; the
-        /// user's data folder when there is none.
+        /// The folder for the certificate, the database of visitors, compiled buildings and their
+        /// pieces; the user's data folder when there is none.
         data: Option<PathBuf>,
         /// A world file of at least this many bytes is also handed out in pieces, of which a
         /// visitor needs few to see what is around it. A smaller one arrives as a whole at once.
         pieces_from_bytes: u64,
+        /// Whether visitors get only those pieces of the world that may be seen from where their
+        /// bodies can be. Nobody gets its file or its plans then.
+        private_geometry: bool,
         /// The bus on which this server is one of several in the building:
         /// `nats://[USER:PASSWORD@]HOST[:PORT]` or `tls://…` of a NATS server; a server alone when
         /// there is none.
@@ -202,6 +205,7 @@ impl Default for ServeConfig {
             chat_days: 0,
             data: None,
             pieces_from_bytes: 512 * 1_024,
+            private_geometry: false,
             bus: None,
             bus_credentials: None,
             bus_address: None,

@@ -30,6 +30,7 @@ use super::{
     offers::Offers,
     pace::Pace,
     place_notes::PlaceNotes,
+    private_geometry::Whereabouts,
     served_world::ServedWorld,
     survey::Survey,
 };
@@ -71,6 +72,13 @@ pub enum EngineEvent {
         viewer: AvatarId,
         /// Where its eye is, and the avatars that it holds; `None` when it is not in the world.
         reply: oneshot::Sender<Option<(Vec3, Vec<AvatarId>)>>,
+    },
+    /// It is asked where an avatar is, as far as its client has said.
+    Whereabouts {
+        /// The avatar.
+        avatar: AvatarId,
+        /// Is told; `None` when the avatar is not in the world.
+        reply: oneshot::Sender<Option<Whereabouts>>,
     },
     /// A fault, injected by a test.
     #[cfg(test)]
@@ -276,6 +284,9 @@ impl EngineTask {
             // Who asked may have gone meanwhile.
             EngineEvent::Survey(reply) => drop(reply.send(self.survey())),
             EngineEvent::Look { viewer, reply } => drop(reply.send(self.look(viewer))),
+            EngineEvent::Whereabouts { avatar, reply } => {
+                let _ = reply.send(self.whereabouts(avatar));
+            }
             #[cfg(test)]
             EngineEvent::Fault => panic!("a fault, injected by a test"),
         }
@@ -313,6 +324,11 @@ impl EngineTask {
     fn look(&self, viewer: AvatarId) -> Option<(Vec3, Vec<AvatarId>)> {
         let engine = self.engine.as_ref()?;
         Some((engine.pose(viewer)?.eye, engine.held_by(viewer).collect()))
+    }
+
+    fn whereabouts(&self, avatar: AvatarId) -> Option<Whereabouts> {
+        let engine = self.engine.as_ref()?;
+        Some(Whereabouts { eye: engine.pose(avatar)?.eye, region: engine.whereabouts(avatar)? })
     }
 
     /// Ends the present world and begins another. All clients are told, and the server remembers

@@ -25,6 +25,7 @@ mod endpoint;
 mod engine_faults;
 mod engine_task;
 mod entrance;
+mod kept_pieces;
 mod load;
 mod log_limits;
 mod moderation;
@@ -35,6 +36,7 @@ mod outbox;
 mod pace;
 mod place_notes;
 mod places;
+mod private_geometry;
 mod served_pieces;
 mod served_world;
 mod session;
@@ -93,6 +95,7 @@ use engine_task::EngineTask;
 use load::Load;
 use offers::Offers;
 use place_notes::PlaceNotes;
+use served_pieces::Cutting;
 use state::{Registry, ServerState};
 use transport::Transport;
 
@@ -213,6 +216,7 @@ impl Server {
         let mut task =
             EngineTask::new(&config, offers.clone(), started, told, counted, places, end);
         if let Some(world) = world {
+            Cutting::new(&config).prepare(&world);
             let engine = Engine::new(world.world().clone(), config.engine());
             task.change(Box::new(engine), world);
         }
@@ -234,8 +238,8 @@ impl Server {
         });
         let (arrivals, arriving) = mpsc::channel(ARRIVALS_MAX);
         let accepting = tokio::spawn(accept::accept(endpoint.clone(), arriving, state.clone()));
-        let from_bytes = state.config.pieces_from_bytes;
-        let cutting = tokio::spawn(served_pieces::cut_offered(state.offers.offers(), from_bytes));
+        let cutting = Cutting::new(&state.config).cut_offered(state.offers.offers());
+        let cutting = tokio::spawn(cutting);
         let fingerprint = identity.fingerprint();
         let bus = link.map(|link| {
             if let Some(address) = address_for_others(&state.config, &endpoint) {

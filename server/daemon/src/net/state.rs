@@ -8,7 +8,11 @@ use std::{
 };
 
 use sightline_engine::StationId;
-use tokio::sync::{mpsc, watch};
+use sightline_world::motion::AvatarId;
+use tokio::{
+    sync::{mpsc, oneshot, watch},
+    time::timeout,
+};
 
 use super::{
     admission::{ConnectionId, PlaceLimits, Places},
@@ -20,12 +24,16 @@ use super::{
     log_limits::LogLimits,
     names::Names,
     offers::Offers,
+    private_geometry::Whereabouts,
     visitors::Visitors,
 };
 use crate::{
     operate::{Metrics, Reason},
     people::People,
 };
+
+/// How long the engine may take to say where an avatar is.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// What all sessions of a server share.
 pub struct ServerState {
@@ -101,6 +109,17 @@ impl ServerState {
     pub async fn tell_engine(&self, event: EngineEvent) -> bool {
         let at = self.now();
         self.events.send(TimedEvent { at, event }).await.is_ok()
+    }
+
+    /// Where an avatar is, as far as its client has said; `None` when it is not in the world, or the
+    /// engine does not answer.
+    pub async fn whereabouts(&self, avatar: AvatarId) -> Option<Whereabouts> {
+        let (reply, answer) = oneshot::channel();
+        let answered = async {
+            self.tell_engine(EngineEvent::Whereabouts { avatar, reply }).await.then_some(())?;
+            answer.await.ok()?
+        };
+        timeout(PATIENCE, answered).await.ok()?
     }
 
     /// Tells the engine's thread of a client that wants to enter, and that counts as waiting from

@@ -8,11 +8,13 @@ use std::{
 
 use axum::extract::ws::WebSocket;
 use rustls::crypto::ring::default_provider;
+use sightline_protocol::fingerprint::VisitorSecret;
 use tokio::sync::mpsc;
 
 use super::{
     certificates::Certificates,
     config::Limits,
+    served_pieces::ServedPieces,
     served_world::ServedWorld,
     state::ServerState,
     transport::{Transport, VISIT_PATH, WebSocketTransport},
@@ -76,6 +78,31 @@ impl WebDoor {
     /// The world that is served; `None` before the first.
     pub(crate) fn world(&self) -> Option<ServedWorld> {
         self.state.offers.offer().map(|offer| offer.world)
+    }
+
+    /// Whether visitors get only those pieces that they may see.
+    pub(crate) fn is_private(&self) -> bool {
+        self.state.config.private_geometry
+    }
+
+    /// Which of these pieces of a world a visitor may have now, that is known by a secret.
+    pub(crate) async fn may_have(
+        &self,
+        pieces: &ServedPieces,
+        numbers: &[u32],
+        secret: Option<VisitorSecret>,
+    ) -> Vec<bool> {
+        let Some(privacy) = pieces.privacy() else { return vec![true; numbers.len()] };
+        let visitor = secret.and_then(|secret| {
+            let registry = self.state.registry();
+            registry.visitors.get(secret.fingerprint()).map(|client| client.avatar())
+        });
+        let whereabouts = match visitor {
+            Some(avatar) => self.state.whereabouts(avatar).await,
+            None => None,
+        };
+        let may = whereabouts.map(|at| privacy.branches(&at)).unwrap_or_default();
+        numbers.iter().map(|number| privacy.is_of(*number, &may)).collect()
     }
 
     /// How long the download of the world may take.

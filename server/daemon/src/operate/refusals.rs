@@ -54,6 +54,8 @@ reasons! {
     Download = "download_bytes_per_s",
     /// A request for pieces that waited, because its client had been sent all that it may be.
     Pieces = "piece_bytes_per_s",
+    /// A piece, or the file, of a world whose geometry is private.
+    PrivateGeometry = "private_geometry",
     /// A client that was silent for too long.
     Silence = "silence_s",
     /// A message beyond the client's budget, which was ignored.

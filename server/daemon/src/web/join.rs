@@ -34,6 +34,8 @@ pub(super) struct Join {
     world_bytes: usize,
     /// The content id of the world's head; `None` where the world is not to be had in pieces.
     head: Option<String>,
+    /// Whether pieces are handed out only to visitors that say who they are and may see them.
+    private: bool,
     /// The building's title.
     name: String,
     /// Where WebTransport is; `None` when the request names no host.
@@ -66,6 +68,7 @@ pub(super) async fn join(
         world: world.map(|world| world.id().to_string()),
         world_bytes: world.map_or(0, |world| world.bytes().len()),
         head: world.and_then(|world| world.pieces()).map(|pieces| pieces.id().to_string()),
+        private: site.door.is_private(),
         name: world.map(|world| world.world().title.clone()).unwrap_or_default(),
         webtransport: host::host(&headers).map(|host| WebTransport {
             url: site.door.web_transport_url(host::name(host)),

@@ -14,6 +14,7 @@ use super::{
     host,
     routes::{Site, Visitor},
 };
+use crate::operate::Reason;
 
 /// `GET /world/ID`: the file as native clients get it.
 pub(super) async fn world(
@@ -22,6 +23,11 @@ pub(super) async fn world(
     Path(id): Path<String>,
     headers: HeaderMap,
 ) -> Response {
+    if site.door.is_private() {
+        site.door.count_refusal(Reason::PrivateGeometry);
+        let said = "this building is handed out in pieces only\n";
+        return (StatusCode::FORBIDDEN, said).into_response();
+    }
     let served = site.door.world().filter(|world| world.id().to_string() == id);
     let Some(world) = served else {
         return (StatusCode::NOT_FOUND, "this world is not served\n").into_response();

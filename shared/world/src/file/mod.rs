@@ -29,6 +29,7 @@ mod writer;
 use std::{fs, io, io::Read, path::Path};
 
 use meta::Meta;
+use pieces::HEAD_VERSION;
 pub use pieces::{PieceId, Viewpoints, WorldHead, WorldPieces};
 use reader::SectionReader;
 pub use whole::write_whole;
@@ -84,6 +85,14 @@ pub enum ReadError {
     #[error("world file version {found}, but this program reads version {VERSION}; compile again")]
     Version {
         /// The version in the file.
+        found: u32,
+    },
+    /// The head has the version of another Sightline.
+    #[error(
+        "the head of a world has version {found}, but this program reads version {HEAD_VERSION}"
+    )]
+    HeadVersion {
+        /// The version in the head.
         found: u32,
     },
     /// The content does not match the content id: bytes were lost or changed.

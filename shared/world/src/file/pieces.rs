@@ -3,13 +3,14 @@
 //! | bytes of a head | content |
 //! | --- | --- |
 //! | 0..4 | magic: `SLH` and a line feed |
-//! | 4..8 | version, that of world files |
-//! | then | the sections `WRLD`, `TRNK`, `TABL` and `VIEW` |
+//! | 4..8 | version of heads |
+//! | then | the sections `WRLD`, `TRNK`, `TABL`, `VIEW` and `PLAN` |
 //!
 //! `WRLD` is a world file without voxels and without what clients do not need. `TRNK` is the
 //! octree's trunk. `TABL` has, for each piece, the first 16 bytes of its BLAKE3 hash, and its
-//! length. `VIEW` has the viewpoints and what may be seen from each, in a zstd frame. The pieces
-//! are numbered by branch, and within a branch by grade.
+//! length. `VIEW` has the viewpoints and what may be seen from each, in a zstd frame. `PLAN` has the
+//! height of the soles, in metres, on each storey of which there is a plan. The pieces are numbered
+//! by branch, and within a branch by grade. The plans follow.
 
 use std::{fmt, sync::Arc};
 
@@ -17,11 +18,11 @@ use glam::Vec3;
 use roaring::RoaringBitmap;
 
 use super::{
-    ReadError, VERSION,
+    ReadError,
     cells::{put_tree, read_tree},
     list,
     reader::SectionReader,
-    writer::{put_count, put_u32, section},
+    writer::{put_count, put_f32, put_u32, section},
 };
 use crate::{
     cells::{CellId, Cells, Node},
@@ -32,10 +33,13 @@ use crate::{
         pieces::{OctreePieces, PartialOctree},
     },
     packing::{self, Unpacker},
+    plan::{self, Plan},
     world::World,
 };
 
 const HEAD_MAGIC: [u8; 4] = *b"SLH\n";
+/// Greater than the versions of world files whose heads had none of their own.
+pub(super) const HEAD_VERSION: u32 = 8;
 
 /// The most bytes of `VIEW` unpacked: 64 MiB. With more, all may be seen from everywhere.
 const VIEW_BYTES_MAX: usize = 1 << 26;
@@ -161,16 +165,18 @@ pub struct WorldPieces {
 
 impl WorldPieces {
     /// Puts the pieces of a world together. `seen` has, for each viewpoint, the branches of the
-    /// octree that may be seen from it.
+    /// octree that may be seen from it. `plans` are those of the storeys that clients can have.
     pub fn new(
         world: &World,
         octree: OctreePieces,
         viewpoints: &Viewpoints,
         seen: &[RoaringBitmap],
+        plans: &[Plan],
     ) -> Self {
         debug_assert_eq!(viewpoints.len(), seen.len(), "a set for each viewpoint");
         let branches = octree.branches.len();
-        let pieces: Vec<Vec<u8>> = octree.branches.into_iter().flatten().collect();
+        let mut pieces: Vec<Vec<u8>> = octree.branches.into_iter().flatten().collect();
+        pieces.extend(plans.iter().map(Plan::to_bytes));
         let mut table = Vec::new();
         put_count(&mut table, pieces.len());
         for piece in &pieces {
@@ -178,12 +184,16 @@ impl WorldPieces {
             put_u32(&mut table, u32::try_from(piece.len()).unwrap_or(u32::MAX));
         }
         let mut head = HEAD_MAGIC.to_vec();
-        put_u32(&mut head, VERSION);
+        put_u32(&mut head, HEAD_VERSION);
         section(&mut head, b"WRLD", &without_voxels(world).to_bytes());
         section(&mut head, b"TRNK", &octree.trunk);
         section(&mut head, b"TABL", &table);
         let view = packing::pack(&view_bytes(viewpoints, seen, branches), ZSTD_LEVEL);
         section(&mut head, b"VIEW", &view);
+        let mut storeys = Vec::new();
+        put_count(&mut storeys, plans.len());
+        plans.iter().for_each(|plan| put_f32(&mut storeys, plan.soles()));
+        section(&mut head, b"PLAN", &storeys);
         Self { head, pieces }
     }
 }
@@ -242,6 +252,8 @@ pub struct WorldHead {
     table: Vec<(PieceId, u32)>,
     viewpoints: Viewpoints,
     seen: Vec<RoaringBitmap>,
+    /// The height of the soles on each storey with a plan, in metres.
+    storeys: Vec<f32>,
 }
 
 impl WorldHead {
@@ -255,8 +267,8 @@ impl WorldHead {
             return Err(ReadError::NotAWorld);
         }
         let found = input.u32()?;
-        if found != VERSION {
-            return Err(ReadError::Version { found });
+        if found != HEAD_VERSION {
+            return Err(ReadError::HeadVersion { found });
         }
         let world = World::from_bytes(input.section(b"WRLD")?.rest())?;
         let octree = PartialOctree::new(input.section(b"TRNK")?.rest())?;
@@ -267,16 +279,17 @@ impl WorldHead {
             id.copy_from_slice(rows.take(16)?);
             table.push((PieceId(id), rows.u32()?));
         }
-        let grades = usize::from(octree.grades());
-        if !rows.is_empty() || table.len() != octree.branches() * grades {
-            return Err(ReadError::Malformed("the table of pieces"));
-        }
         let view = unpack(input.section(b"VIEW")?.rest())?;
         let (viewpoints, seen) = read_view(&view, world.cells.axes, octree.branches())?;
+        let storeys = read_storeys(&mut input.section(b"PLAN")?)?;
+        let grades = usize::from(octree.grades());
+        if !rows.is_empty() || table.len() != octree.branches() * grades + storeys.len() {
+            return Err(ReadError::Malformed("the table of pieces"));
+        }
         if !input.is_empty() {
             return Err(ReadError::Malformed("bytes after the last section"));
         }
-        Ok(Self { world: Arc::new(world), octree, table, viewpoints, seen })
+        Ok(Self { world: Arc::new(world), octree, table, viewpoints, seen, storeys })
     }
 
     /// The id and the length in bytes of a piece, if there is one of this number.
@@ -289,6 +302,21 @@ impl WorldHead {
         self.table.len()
     }
 
+    /// The number of the piece that is the plan of the storey of a body with its soles at this
+    /// height, in metres, if there is one.
+    pub fn plan_at(&self, soles: f32) -> Option<usize> {
+        let off = |storey: f32| (storey - soles).abs();
+        let nearest =
+            self.storeys.iter().enumerate().min_by(|a, b| off(*a.1).total_cmp(&off(*b.1)));
+        let (index, _) = nearest.filter(|(_, storey)| plan::is_on_storey(**storey, soles))?;
+        Some(self.first_plan() + index)
+    }
+
+    /// The number of the first piece that is a plan. Those before are of the octree.
+    pub fn first_plan(&self) -> usize {
+        self.table.len() - self.storeys.len()
+    }
+
     /// The branches that may be seen, for each space; empty where nothing is known.
     pub fn seen(&self) -> &[RoaringBitmap] {
         &self.seen
@@ -299,6 +327,14 @@ impl WorldHead {
     pub fn seen_from(&self, eye: Vec3) -> Option<&RoaringBitmap> {
         self.seen.get(self.viewpoints.at(eye)?)
     }
+}
+
+fn read_storeys(input: &mut SectionReader<'_>) -> Result<Vec<f32>, ReadError> {
+    let mut storeys = list(input.count(4)?)?;
+    for _ in 0..storeys.capacity() {
+        storeys.push(input.f32()?);
+    }
+    if input.is_empty() { Ok(storeys) } else { Err(ReadError::Malformed("the storeys")) }
 }
 
 fn unpack(packed: &[u8]) -> Result<Vec<u8>, ReadError> {
@@ -419,7 +455,11 @@ mod tests {
         let world = world();
         let (octree, viewpoints) = (world.octree.to_pieces(), Viewpoints::of(&world.cells));
         let seen = [RoaringBitmap::from_iter([0, 2]), RoaringBitmap::from_iter([1, 3, 9])];
-        WorldPieces::new(&world, octree, &viewpoints, &seen)
+        WorldPieces::new(&world, octree, &viewpoints, &seen, &plans(&world))
+    }
+
+    fn plans(world: &World) -> [Plan; 2] {
+        [0.125, 8.0].map(|soles| Plan::new(world, soles))
     }
 
     #[test]
@@ -434,8 +474,15 @@ mod tests {
         let grades = usize::from(head.octree.grades());
         for (number, piece) in pieces.pieces.iter().enumerate() {
             assert_eq!(head.piece(number), Some((PieceId::of(piece), piece.len() as u32)));
-            head.octree.grow(number / grades, piece).unwrap();
+            if number < head.first_plan() {
+                head.octree.grow(number / grades, piece).unwrap();
+            }
         }
+        for (plan, soles) in plans(&world).iter().zip([0.5, 7.5]) {
+            let number = head.plan_at(soles).expect("its storey");
+            assert_eq!(&Plan::from_bytes(&pieces.pieces[number]).unwrap(), plan);
+        }
+        assert_eq!(head.plan_at(3.0), None, "between storeys");
         assert!(head.octree.is_complete() && head.piece(pieces.pieces.len()).is_none());
         assert_eq!(PieceId::of(b"").to_string(), "af1349b9f5f9a1a6a0404dea36dcc949");
     }

@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Aabb, Axes};
 
+/// How far around a body voxels must be here before it moves, in metres.
+const AROUND_M: f32 = 0.5;
+
 /// The shape of every body in a world: a box about the eye.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Body {
@@ -53,5 +56,10 @@ impl Body {
             min: eyes.min - Vec3::new(self.half_width, self.below_eye, self.half_width),
             max: eyes.max + Vec3::new(self.half_width, self.above_eye, self.half_width),
         }
+    }
+
+    /// The box in which all voxels must be here before the body moves while its eye is in a box.
+    pub fn surroundings(&self, eyes: &Aabb) -> Aabb {
+        self.around_box(eyes).grown(AROUND_M)
     }
 }

@@ -164,6 +164,11 @@ impl Session {
         self.pieces_of(building).map(|pieces| pieces.take_arrived()).unwrap_or_default()
     }
 
+    /// The pieces of a building that the server did not hand out since the last call.
+    pub fn refused_pieces(&self, building: &ArrivingWorld) -> Vec<usize> {
+        self.pieces_of(building).map(|pieces| pieces.take_refused()).unwrap_or_default()
+    }
+
     fn pieces_of(&self, building: &ArrivingWorld) -> Option<Arc<PieceTraffic>> {
         self.shared.lock().pieces.clone().filter(|pieces| building.is(&pieces.world))
     }

@@ -427,6 +427,10 @@ impl<'a> Session<'a> {
         if !self.client.transport.carries_worlds() {
             return Err(SessionEnd::Breach("browsers fetch the world by HTTP"));
         }
+        if self.state.config.private_geometry {
+            self.client.count_refusal(Reason::PrivateGeometry);
+            return Err(SessionEnd::Breach("this building is handed out in pieces only"));
+        }
         let Some(offer) = self.offer_of(world)? else { return Ok(()) };
         if downloads.last() == world || self.entered.load(Relaxed) == world {
             return Err(SessionEnd::Breach("the world asked for twice"));

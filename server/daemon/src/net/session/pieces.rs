@@ -13,7 +13,8 @@ use bytes::Bytes;
 use sightline_protocol::{
     DecodeError,
     piece_stream::{
-        BEGIN_BYTES, COUNT_BYTES, HEAD, NUMBER_BYTES, before_piece, request_count, request_numbers,
+        BEGIN_BYTES, COUNT_BYTES, HEAD, NUMBER_BYTES, REFUSED, before_piece, request_count,
+        request_numbers,
     },
 };
 use tokio::time::{sleep, timeout};
@@ -29,6 +30,11 @@ const LOOK: Duration = Duration::from_millis(50);
 
 /// The work of answering the requests on a stream.
 type HandingOut<'a> = Pin<Box<dyn Future<Output = Result<(), SessionEnd>> + Send + 'a>>;
+
+/// Pieces that a client asks for, with their numbers.
+type Asked = Vec<(u32, Bytes)>;
+/// The number of a piece, and its bytes unless it is refused.
+type Answer = (u32, Option<Bytes>);
 
 /// What a client was given on all its streams.
 #[derive(Default)]
@@ -114,6 +120,8 @@ impl Session<'_> {
             if asked.iter().any(|(number, _)| *number == HEAD) {
                 self.allow_for_head(world, bytes, given);
             }
+            let asked = self.private_share(pieces, asked).await;
+            let bytes = asked.iter().flat_map(|(_, piece)| piece).map(Bytes::len).sum();
             self.wait_for(given, world, [bytes, all]).await;
             let sent = timeout(limits.download_time(bytes), self.send_pieces(&mut stream, asked));
             match sent.await {
@@ -150,9 +158,31 @@ impl Session<'_> {
         }
     }
 
-    /// Sends pieces. `None` when the client does not take them.
-    async fn send_pieces(&self, stream: &mut PieceStream, asked: Vec<(u32, Bytes)>) -> Option<()> {
-        for (number, piece) in asked {
+    /// The pieces of a request, without those that the avatar may not have now.
+    async fn private_share(&self, pieces: &ServedPieces, asked: Asked) -> Vec<Answer> {
+        let Some(privacy) = pieces.privacy() else {
+            return asked.into_iter().map(|(number, piece)| (number, Some(piece))).collect();
+        };
+        let whereabouts = self.state.whereabouts(self.client.avatar()).await;
+        let may = whereabouts.map(|at| privacy.branches(&at)).unwrap_or_default();
+        let answer = |(number, piece)| {
+            let is_had = number == HEAD || privacy.is_of(number, &may);
+            if !is_had {
+                self.client.count_refusal(Reason::PrivateGeometry);
+            }
+            (number, Some(piece).filter(|_| is_had))
+        };
+        asked.into_iter().map(answer).collect()
+    }
+
+    /// Sends pieces, or that they are refused. `None` when the client does not take them.
+    async fn send_pieces(&self, stream: &mut PieceStream, answers: Vec<Answer>) -> Option<()> {
+        for (number, piece) in answers {
+            let Some(piece) = piece else {
+                let refused = before_piece(number, REFUSED);
+                stream.write(Bytes::copy_from_slice(&refused)).await?;
+                continue;
+            };
             let bytes = piece.len();
             let before = before_piece(number, bytes as u32);
             stream.write(Bytes::copy_from_slice(&before)).await?;
@@ -164,7 +194,7 @@ impl Session<'_> {
 }
 
 /// The pieces of a request.
-fn asked(pieces: &ServedPieces, numbers: &[u8]) -> Result<Vec<(u32, Bytes)>, SessionEnd> {
+fn asked(pieces: &ServedPieces, numbers: &[u8]) -> Result<Asked, SessionEnd> {
     let of = |number| match number {
         HEAD => Some(pieces.head()),
         number => pieces.piece(number),

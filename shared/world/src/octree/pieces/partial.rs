@@ -50,6 +50,8 @@ struct Branch {
     bounds: Aabb,
     /// How many grades are here.
     grades: u8,
+    /// What the nodes of these take, in bytes.
+    bytes: usize,
 }
 
 impl PartialOctree {
@@ -91,6 +93,11 @@ impl PartialOctree {
 
     /// Takes the tree out, and leaves one without voxels.
     pub fn take_octree(&mut self) -> Octree {
+        self.emptied().octree
+    }
+
+    /// Leaves a tree without voxels in the place of this one.
+    fn emptied(&mut self) -> Self {
         let Octree { origin, edge, depth, .. } = self.octree;
         let empty = Self {
             octree: Octree::empty(origin, edge, depth),
@@ -100,7 +107,7 @@ impl PartialOctree {
             places: FxHashMap::default(),
             stand_ins: FxHashMap::default(),
         };
-        std::mem::replace(self, empty).octree
+        std::mem::replace(self, empty)
     }
 
     /// The number of branches.
@@ -121,6 +128,12 @@ impl PartialOctree {
     /// The cube that a branch covers, if there is such a branch.
     pub fn bounds_of(&self, branch: usize) -> Option<Aabb> {
         self.branches.get(branch).map(|branch| branch.bounds)
+    }
+
+    /// The branches whose cubes meet a box.
+    pub fn branches_in(&self, region: Aabb) -> impl Iterator<Item = usize> {
+        let meets = move |(_, branch): &(usize, &Branch)| branch.bounds.intersects(&region);
+        self.branches.iter().enumerate().filter(meets).map(|(index, _)| index)
     }
 
     /// The branch whose cube a point is in, if there is one.
@@ -154,9 +167,7 @@ impl PartialOctree {
 
     /// Whether all voxels in a box are here. What is outside of the tree has none.
     pub fn is_complete_in(&self, region: &Aabb) -> bool {
-        let grades = self.grades();
-        let lacks = |branch: &Branch| branch.grades < grades && branch.bounds.intersects(region);
-        !self.branches.iter().any(lacks)
+        self.branches_in(*region).all(|branch| self.grades_of(branch) == self.grades())
     }
 
     /// Takes in the next grade of a branch. When it fails, nothing has changed.
@@ -176,15 +187,69 @@ impl PartialOctree {
         }
         let read = self.read_levels(piece, &above, levels.clone().count())?;
         self.check_room(&read, *levels.end())?;
-        let last = *levels.end();
-        for (level, read) in levels.zip(read) {
-            above = self.attach(&above, &read, self.height - level, level == last);
-        }
-        self.mark_branch(root, last);
+        self.put(branch, above, *levels.start(), &read);
         if let Some(state) = self.branches.get_mut(branch) {
             state.grades += 1;
         }
         Ok(())
+    }
+
+    /// Puts levels of a branch below some nodes, the first of which is the level `first`.
+    fn put(&mut self, branch: usize, mut above: Vec<u32>, first: u8, levels: &[Level]) {
+        let before = self.bytes();
+        let last = first + levels.len() as u8 - 1;
+        for (level, read) in (first..).zip(levels) {
+            above = self.attach(&above, read, self.height - level, level == last);
+        }
+        self.mark_branch(self.branches[branch].root, last);
+        self.branches[branch].bytes += self.bytes() - before;
+    }
+
+    /// What all nodes take, in bytes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.octree.inner.as_slice()) + size_of_val(self.octree.leaves.as_slice())
+    }
+
+    /// What the nodes of a branch take that are here, in bytes.
+    pub fn bytes_of(&self, branch: usize) -> usize {
+        self.branches.get(branch).map_or(0, |branch| branch.bytes)
+    }
+
+    /// Lets go of all branches but those that `keeps` names: none of their grades is here
+    /// afterwards. It copies what it keeps.
+    pub fn keep(&mut self, keeps: impl Fn(usize) -> bool) {
+        let Some(root) = self.octree.inner.first().copied() else { return };
+        let mut old = self.emptied();
+        let trunk = old.levels(vec![0], old.octree.depth, old.octree.depth - old.height);
+        self.octree.materials = std::mem::take(&mut old.octree.materials);
+        self.octree.keys = std::mem::take(&mut old.octree.keys);
+        self.link_trunk(root.material, &trunk);
+        for (branch, state) in old.branches.iter().enumerate() {
+            if state.grades == 0 || !keeps(branch) {
+                continue;
+            }
+            let last = *grade_levels(old.height, state.grades - 1 + GRADES - old.grades()).end();
+            let levels = old.levels(vec![state.root], old.height, last);
+            self.put(branch, vec![self.branches[branch].root], 1, &levels);
+            self.branches[branch].grades = state.grades;
+        }
+    }
+
+    /// This number of levels below some nodes, which are `height` levels above the leaves.
+    fn levels(&self, mut above: Vec<u32>, height: u8, count: u8) -> Vec<Level> {
+        let node = |index: &u32| &self.octree.inner[*index as usize];
+        let mut levels = Vec::new();
+        for level in 1..=count {
+            let children = self.octree.children_of(&above);
+            let masks = above.iter().map(|index| node(index).mask).collect();
+            let materials = match level == height {
+                true => children.iter().map(|&leaf| self.octree.leaves[leaf as usize]).collect(),
+                false => children.iter().map(|index| node(index).material).collect(),
+            };
+            levels.push(Level { masks, materials });
+            above = children;
+        }
+        levels
     }
 
     /// Reads the levels of a grade below some nodes.
@@ -261,8 +326,12 @@ impl PartialOctree {
             corners = corners.iter().zip(&read.masks).flat_map(octants).collect();
             above = self.attach(&above, read, depth - level, level == depth - self.height);
         }
-        let branch =
-            |(root, corner)| Branch { root, bounds: Aabb::new(corner, corner + edge), grades: 0 };
+        let branch = |(root, corner)| Branch {
+            root,
+            bounds: Aabb::new(corner, corner + edge),
+            grades: 0,
+            bytes: 0,
+        };
         self.branches = above.into_iter().zip(corners).map(branch).collect();
         let centres = self.branches.iter().map(|branch| branch.bounds.centre());
         self.places = (0..).zip(centres).map(|(i, centre)| (self.place_of(centre), i)).collect();

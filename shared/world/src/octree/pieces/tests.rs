@@ -145,6 +145,45 @@ proptest! {
     }
 }
 
+#[test]
+fn a_tree_that_lets_branches_go_is_one_that_never_had_them() {
+    for depth in [2, 5, 7] {
+        let pieces = octree(depth, &[[300, 7, 90], [250, 250, 250]]).to_pieces();
+        let count = pieces.branches.len();
+        // Of some branches all grades are here, of others one or two.
+        let order = || (0..3).flat_map(|round| (0..count).filter(move |at| at % 4 >= round));
+        let mut tree = grow_all(&pieces, order());
+        let all = tree.bytes();
+        let keeps = |branch: usize| branch % 3 != 1;
+        tree.keep(keeps);
+        let mut expected = grow_all(&pieces, order().filter(|branch| keeps(*branch)));
+        for _ in 0..2 {
+            let [a, b] = [&tree, &expected].map(|tree| tree.octree().root().expect("not empty"));
+            assert!(is_same(a, b), "depth {depth}");
+            for branch in 0..count {
+                assert_eq!(tree.grades_of(branch), expected.grades_of(branch));
+                assert_eq!(tree.bytes_of(branch) == 0, tree.grades_of(branch) == 0);
+            }
+            // What was let go comes again.
+            for branch in 0..count {
+                let grade = usize::from(tree.grades_of(branch));
+                if let Some(piece) = pieces.branches[branch].get(grade) {
+                    tree.grow(branch, piece).expect("just written");
+                    expected.grow(branch, piece).expect("just written");
+                }
+            }
+        }
+        assert!(depth < 7 || all > tree.bytes() / 2);
+        let full = tree.bytes();
+        tree.keep(|_| false);
+        assert!(tree.bytes() < full && (0..count).all(|branch| tree.grades_of(branch) == 0));
+    }
+    let mut empty =
+        PartialOctree::new(&Octree::empty(Vec3::ZERO, 8.0, 6).to_pieces().trunk).unwrap();
+    empty.keep(|_| true);
+    assert!(empty.is_complete());
+}
+
 /// A box with a little less than a cube.
 fn inside(cube: Aabb) -> Aabb {
     let spare = cube.size() * 0.01;
