@@ -48,7 +48,7 @@ impl WorldChanger {
     /// When the server has ended.
     pub fn change(&self, world: ServedWorld) -> Result<(), ServerEnded> {
         let start = Instant::now();
-        Cutting::new(&self.config).prepare(&world);
+        let world = Cutting::new(&self.config).prepare(world);
         let engine = Box::new(Engine::new(world.world().clone(), self.config.engine()));
         tracing::debug!(seconds = start.elapsed().as_secs_f64(), "the engine is ready");
         let event = EngineEvent::Change { engine, world };

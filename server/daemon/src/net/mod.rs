@@ -216,7 +216,7 @@ impl Server {
         let mut task =
             EngineTask::new(&config, offers.clone(), started, told, counted, places, end);
         if let Some(world) = world {
-            Cutting::new(&config).prepare(&world);
+            let world = Cutting::new(&config).prepare(world);
             let engine = Engine::new(world.world().clone(), config.engine());
             task.change(Box::new(engine), world);
         }

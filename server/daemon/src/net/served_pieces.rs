@@ -143,9 +143,11 @@ impl Cutting {
 
     /// Prepares a world that is to be offered: it gets the pieces of an earlier run, if they are
     /// kept. Where geometry is private, it is cut now if they are not.
-    pub fn prepare(&self, world: &ServedWorld) {
-        if !self.lacks_pieces(world) {
-            return;
+    pub fn prepare(&self, world: ServedWorld) -> ServedWorld {
+        // A server beside this one may hand out all pieces of its copy.
+        let world = if self.is_private { world.uncut() } else { world };
+        if !self.lacks_pieces(&world) {
+            return world;
         }
         let kept = self.kept.as_ref().and_then(|kept| kept.load(world.id()));
         if let Some(pieces) = &kept {
@@ -153,7 +155,7 @@ impl Cutting {
         }
         let cut = || {
             let cut = ServedPieces::cut(world.world(), &[]);
-            self.keep(world, &cut);
+            self.keep(&world, &cut);
             cut
         };
         let pieces = match self.is_private {
@@ -163,6 +165,7 @@ impl Cutting {
         if let Some(pieces) = pieces {
             world.set_pieces(Arc::new(pieces));
         }
+        world
     }
 
     fn keep(&self, world: &ServedWorld, pieces: &ServedPieces) {
@@ -273,22 +276,19 @@ mod tests {
         };
         let cutting = Cutting::new(&config);
         let offered = || offer(1).unwrap().world;
-        let first = offered();
-        cutting.prepare(&first);
+        let first = cutting.prepare(offered());
         assert!(first.pieces().is_none(), "nothing is kept");
         cut_beside(first.clone(), cutting.clone()).await;
         let kept = || cutting.kept.as_ref().unwrap().load(first.id()).is_some();
         while !kept() {
             tokio::time::sleep(Duration::from_millis(5)).await;
         }
-        let second = offered();
-        cutting.prepare(&second);
+        let second = cutting.prepare(offered());
         let [one, other] = [&first, &second].map(|world| world.pieces().unwrap());
         assert_eq!(one.block(), other.block());
         assert_eq!((&one.pieces, one.id), (&other.pieces, other.id));
         let large = Cutting { from_bytes: 1 << 30, ..cutting.clone() };
-        let third = offered();
-        large.prepare(&third);
+        let third = large.prepare(offered());
         assert!(third.pieces().is_none(), "it arrives as a whole");
     }
 

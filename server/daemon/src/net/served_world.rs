@@ -60,6 +60,11 @@ impl ServedWorld {
         self.pieces.get()
     }
 
+    /// The same world, which is to be cut anew.
+    pub(super) fn uncut(self) -> Self {
+        Self { pieces: Arc::default(), ..self }
+    }
+
     /// Takes in the pieces. The first ones stay.
     pub(super) fn set_pieces(&self, pieces: Arc<ServedPieces>) {
         let _ = self.pieces.set(pieces);
