@@ -10,11 +10,10 @@ use std::{
 
 use glam::Vec3;
 use sightline_client::{
-    net::{ConnectOptions, Dialer, Session, Trust},
+    net::{Dialer, Session, Trust},
     swarm::{self, SwarmOptions, SwarmSnapshot},
 };
 use sightline_compiler::{CompileOptions, LightMethod, compile, import::glb};
-use sightline_protocol::text::Name;
 use sightline_server::{
     bus::{Bus, BusOptions, STATIONS_MAX},
     net::{Identity, ServeConfig, ServedWorld, Server},
@@ -22,7 +21,7 @@ use sightline_server::{
 use sightline_world::motion::AvatarId;
 use tokio::runtime::{self, Runtime};
 
-use crate::{PATIENCE, hears, operators::check_metrics_of_station};
+use crate::{PATIENCE, hears, operators::check_metrics_of_station, options};
 
 /// How many stations there are.
 const STATIONS: usize = 4;
@@ -123,17 +122,8 @@ impl Standing {
         eye: Vec3,
     ) -> Self {
         let (station, Station { server, address, .. }) = at;
-        let options = ConnectOptions {
-            name: Name::new(&format!("Visitor {k}")).unwrap(),
-            colour: [10, 20, 30],
-            place: Some(eye),
-            trust: Trust::Pinned(server.fingerprint()),
-            identity: Arc::new(Identity::generate().unwrap()),
-            invitation: None,
-            in_pieces: false,
-            progress: None,
-        };
-        let session = clients.block_on(dialer.connect(*address, &options)).unwrap();
+        let hello = options(server, &format!("Visitor {k}"), eye);
+        let session = clients.block_on(dialer.connect(*address, &hello)).unwrap();
         Self { session, station }
     }
 
