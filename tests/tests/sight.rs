@@ -5,7 +5,7 @@ use std::{ops::ControlFlow, sync::Arc, time::Duration};
 
 use glam::Vec3;
 use serde_json::{Value, json};
-use sightline_compiler::{CompileOptions, compile, import::glb};
+use sightline_compiler::{CompileOptions, LightMethod, compile, import::glb};
 use sightline_engine::{Config, Engine, Input, Output};
 use sightline_fixtures::{boxes::box_triangles, glb_draft::GlbDraft};
 use sightline_world::{World, geometry::Aabb, motion::AvatarId};
@@ -48,7 +48,12 @@ fn hall(material: &Value, node: &Value) -> World {
     draft.root["nodes"] = json!([{ "mesh": 0 }, node]);
     draft.root["scenes"] = json!([{ "nodes": [0, 1] }]);
     let model = glb::read_slice(&draft.bytes(), None, "hall").unwrap();
-    let options = CompileOptions { voxel: Some(0.1), cell: Some(3.0), ..Default::default() };
+    let options = CompileOptions {
+        voxel: Some(0.1),
+        cell: Some(3.0),
+        light: LightMethod::None,
+        ..Default::default()
+    };
     compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap().0
 }
 

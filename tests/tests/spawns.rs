@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 
 use glam::Vec3;
 use sightline_client_core::navigation::Navigation;
-use sightline_compiler::{CompileOptions, compile, import, model::Model};
+use sightline_compiler::{CompileOptions, LightMethod, compile, import, model::Model};
 use sightline_fixtures::{
     shared_files::{shared_file, some_of},
     voxel_floor,
@@ -18,7 +18,12 @@ const SEEDS_M: f32 = 2.0;
 /// Compiles a building without the spawn points that it may have.
 fn compiled(mut model: Model) -> World {
     model.spawns.clear();
-    let options = CompileOptions { voxel: Some(0.1), cell: Some(50.0), ..Default::default() };
+    let options = CompileOptions {
+        voxel: Some(0.1),
+        cell: Some(50.0),
+        light: LightMethod::None,
+        ..Default::default()
+    };
     let (world, report) = compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
     assert!(report.warnings.is_empty(), "{:?}", report.warnings);
     world

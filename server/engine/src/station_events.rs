@@ -347,7 +347,7 @@ impl Engine {
         for Member { id, slot } in population.own() {
             let Avatar { footprint, footprint_version, regions, .. } = population.at(slot);
             if config.faults.station == Some(StationFault::LateSubscription) {
-                let here: Vec<u32> = regions.home().into_iter().collect();
+                let here: Vec<u32> = regions.space().into_iter().collect();
                 let seen = building.sectors.visible_from(&building.sectors.of(&here));
                 stations.subscription.set(id, *footprint_version, seen.iter().collect());
             } else if !stations.subscription.is_current(id, *footprint_version) {

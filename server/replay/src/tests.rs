@@ -12,7 +12,7 @@ use std::{
 
 use rand::{SeedableRng, rngs::SmallRng};
 use sightline_compiler::{
-    CompileOptions, compile,
+    CompileOptions, LightMethod, compile,
     import::{bsp, glb},
     model::Model,
 };
@@ -310,7 +310,12 @@ fn the_figures_of_a_report_agree_with_each_other() {
 
 /// Checks that no avatar is missed in the first seconds of a trace.
 fn check_no_misses(model: &Model, trace: &Path, length: Duration, stride: Duration) {
-    let coarse = CompileOptions { voxel: Some(1.0), cell: Some(3.0), ..Default::default() };
+    let coarse = CompileOptions {
+        voxel: Some(1.0),
+        cell: Some(3.0),
+        light: LightMethod::None,
+        ..Default::default()
+    };
     let go_on = |_, _| ControlFlow::Continue(());
     let world = Arc::new(compile(model, &coarse, &go_on).unwrap().0);
     let trace = Trace::open(trace).unwrap();

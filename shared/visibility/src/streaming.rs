@@ -136,32 +136,12 @@ impl Touching<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::UVec3;
     use sightline_fixtures::two_rooms;
-    use sightline_world::{
-        WorldHead,
-        octree::{Octree, Voxel, morton},
-    };
-
-    /// Two rooms that do not see each other, with voxels in their walls.
-    fn closed_rooms() -> World {
-        let mut world = two_rooms::world();
-        (world.cells.portals, world.cells.gates) = (Vec::new(), Vec::new());
-        world.cells.cells.iter_mut().for_each(|cell| cell.portals.clear());
-        world.cells.spaces.iter_mut().for_each(|space| space.gates.clear());
-        world.cells.pvs = (0..2).map(|cell| RoaringBitmap::from_iter([cell])).collect();
-        let voxels = (0..256u32 * 128).filter_map(|i| {
-            let at = UVec3::new(i % 256, 0, i / 256);
-            let key = morton(at);
-            (at.x < 240).then_some(Voxel { key, ..Voxel::default() })
-        });
-        world.octree = Octree::from_voxels(Vec3::ZERO, 0.05, 8, voxels.collect()).unwrap();
-        world
-    }
+    use sightline_world::WorldHead;
 
     #[test]
     fn what_lies_behind_a_wall_is_not_needed() {
-        let world = closed_rooms();
+        let world = two_rooms::without_door();
         let head = WorldHead::read(&pieces_of(&world, &[]).head).unwrap();
         let all = head.octree.branches();
         for (x, beyond) in [(3.0, 6.0..12.0), (9.0, 0.0..6.0)] {

@@ -4,7 +4,7 @@ use std::{f64::consts::TAU, ops::ControlFlow, sync::Arc};
 
 use glam::{DMat3, DVec3, Vec2, Vec3, Vec3Swizzles};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_compiler::{CompileOptions, compile, model::Model};
+use sightline_compiler::{CompileOptions, LightMethod, compile, model::Model};
 use sightline_fixtures::boxes::box_triangles;
 use sightline_world::{Spawn, World, geometry::Aabb, motion::Body};
 
@@ -78,7 +78,12 @@ impl SimulatedBuilding {
         assert!(!draft.rooms.is_empty(), "a grid has rooms");
         let model = draft.model(&turn);
         let voxel = VOXELS_M[(seed / 2 % 2) as usize];
-        let options = CompileOptions { voxel: Some(voxel), cell: Some(3.0), ..Default::default() };
+        let options = CompileOptions {
+            voxel: Some(voxel),
+            cell: Some(3.0),
+            light: LightMethod::None,
+            ..Default::default()
+        };
         let compiled = compile(&model, &options, &|_, _| ControlFlow::Continue(()));
         let (world, _) = compiled.expect("a closed house compiles");
         Self {

@@ -6,11 +6,13 @@
 //!
 //! `cargo xtask web` compiles the client for browsers, [`web`].
 //!
-//! * [`measurements`]: what is measured, by which command, and what its table shows.
+//! * [`measurement`]: a command to run, and what its table shows.
+//! * [`measurements`]: what is measured.
 //! * [`machine`]: the date and the hardware.
 //! * [`page`]: the page of tables.
 
 mod machine;
+mod measurement;
 mod measurements;
 mod page;
 mod web;
@@ -25,7 +27,8 @@ use anyhow::{Context, ensure};
 use clap::Parser;
 use serde_json::{Value, json};
 
-use measurements::{ALL, Measurement, Program, WORLDS};
+use measurement::{Measurement, Program};
+use measurements::{ALL, WORLDS};
 
 /// Longer lists of figures are left out of the files.
 const LIST_MAX: usize = 40;
@@ -239,7 +242,7 @@ fn write_json(path: &Path, value: &Value) -> anyhow::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measurements::Run;
+    use crate::measurement::Run;
 
     #[test]
     fn long_lists_are_dropped_at_any_depth() {

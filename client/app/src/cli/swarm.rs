@@ -72,14 +72,22 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let open = |path: &Path| Trace::open(path).with_context(|| path.display().to_string());
     let trace = args.trace.as_deref().map(open).transpose()?;
     let duration = Duration::from_secs_f64(args.seconds);
+    let progress = Arc::new(Progress::new());
+    let on_join = {
+        let (progress, clients) = (progress.clone(), args.clients);
+        move |joined: usize| {
+            let note = format!("({joined} of {clients})");
+            progress.show_with_note("coming in", joined as f32 / clients as f32, &note);
+        }
+    };
     let options = SwarmOptions {
         seed: args.seed,
         trace,
         others: addresses.into(),
+        on_join: Some(Arc::new(on_join)),
         dialer: Arc::new(Dialer::new(net::world_folder_of_user())),
         ..SwarmOptions::new(args.clients as usize, duration, trust)
     };
-    let progress = Progress::new();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let walk = swarm::run(address, &options, |snapshot| {
         let share = snapshot.elapsed.as_secs_f32() / duration.as_secs_f32();

@@ -4,6 +4,7 @@
 
 mod grounds;
 mod history;
+mod joining;
 mod misses;
 mod processes;
 mod promises;
@@ -11,20 +12,10 @@ mod report;
 mod sight;
 mod visitor;
 
-use std::{
-    collections::{BTreeMap, VecDeque},
-    net::SocketAddr,
-    sync::Arc,
-    time::Duration,
-};
+use std::{collections::BTreeMap, net::SocketAddr, sync::Arc, time::Duration};
 
-use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_cli::{
-    identity::{Identity, IdentityError},
-    trace::{Trace, Track},
-};
+use sightline_cli::{identity::IdentityError, trace::Trace};
 use sightline_client_core::replica::{Event, HeldAvatar, ShownAvatar};
-use sightline_protocol::text::Name;
 use sightline_world::{
     World,
     motion::{AvatarId, Pose, ReportingState},
@@ -34,12 +25,12 @@ use tokio::{
     time::{Instant, MissedTickBehavior},
 };
 
-use crate::net::{ConnectError, ConnectOptions, Dialer, Session, Trust};
+use crate::net::{ConnectError, Dialer, Session, Trust};
 use grounds::{Grounds, Renewal};
 use misses::Misses;
 use processes::Process;
-use report::{Joining, SwarmStatistics};
-use visitor::{Visitor, Wanderer};
+use report::SwarmStatistics;
+use visitor::Visitor;
 
 pub use report::SwarmReport;
 
@@ -47,10 +38,6 @@ pub use report::SwarmReport;
 const STEP: Duration = Duration::from_millis(25);
 /// After more time than this without a step, visitors leap. In seconds.
 const LEAP_S: f32 = 0.2;
-/// The largest number of visitors that connect at the same time.
-const CONNECTING_MAX: usize = 16;
-/// The time between two visitors who set out to connect.
-const JOIN_INTERVAL: Duration = Duration::from_millis(10);
 /// The time after a leap in which the server may have a visitor elsewhere.
 const UNSETTLED: Duration = Duration::from_secs(2);
 
@@ -73,7 +60,12 @@ pub struct SwarmOptions {
     pub snapshot_interval: Duration,
     /// Other servers of the same building. Visitors go to all servers in turns.
     pub others: Vec<SocketAddr>,
+    /// Is told how many visitors are in, whenever another one has come in.
+    pub on_join: Option<JoinListener>,
 }
+
+/// Is told how many visitors are in.
+pub type JoinListener = Arc<dyn Fn(usize) + Send + Sync>;
 
 impl SwarmOptions {
     /// Visitors who wander, observed four times a second.
@@ -87,6 +79,7 @@ impl SwarmOptions {
             trace: None,
             snapshot_interval: Duration::from_millis(250),
             others: Vec::new(),
+            on_join: None,
         }
     }
 }
@@ -170,7 +163,8 @@ struct ConnectedVisitor {
     has_ended: bool,
 }
 
-/// Sends visitors to a server, and reports what they received. Calls the observer at each
+/// Sends visitors to a server, and reports what they received. Where the server lets nobody in for half
+/// a minute, they walk without those who are not in. Calls the observer at each
 /// [`SwarmOptions::snapshot_interval`]. Must be called within a tokio runtime.
 ///
 /// # Errors
@@ -180,7 +174,7 @@ pub async fn run(
     options: &SwarmOptions,
     mut observer: impl FnMut(&SwarmSnapshot),
 ) -> Result<SwarmReport, SwarmError> {
-    let (mut members, mut grounds, joining) = connect_visitors(address, options).await?;
+    let (mut members, mut grounds, joining) = joining::connect_visitors(address, options).await?;
     let (mut misses, mut renewal) = (Misses::default(), Renewal::default());
     let servers = Process::listening_on([address].iter().chain(&options.others));
     let mut statistics =
@@ -296,118 +290,4 @@ fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> SwarmSnapshot {
     let tick = members.first().map(|member| member.session.tick_interval()).unwrap_or_default();
     let visitors = members.iter().filter(|member| !member.has_ended).map(view);
     SwarmSnapshot { elapsed, tick, visitors: visitors.collect() }
-}
-
-/// Connects all visitors: the first one alone, because it downloads the world, then the others.
-/// Also returns the grounds, and how they came in.
-async fn connect_visitors(
-    address: SocketAddr,
-    options: &SwarmOptions,
-) -> Result<(Vec<ConnectedVisitor>, Arc<Grounds>, Joining), SwarmError> {
-    let tracks: Option<Vec<Track>> = options.trace.as_ref().map(Trace::tracks);
-    let tracks = tracks.as_deref();
-    if let Some(tracks) = tracks
-        && tracks.len() < options.clients
-    {
-        return Err(SwarmError::TraceTooSmall { tracks: tracks.len(), clients: options.clients });
-    }
-    let start = |i: usize| tracks.and_then(|tracks| Some(tracks.get(i)?.at(0.0).eye));
-    let dialer = options.dialer.clone();
-    // The first visitor starts at a spawn point: nothing else is known of the building yet.
-    let first = dialer.connect(address, &connect_options(options, 0, start(0))?).await?;
-    let world = first.world();
-    let grounds = Grounds::find(world.clone(), tracks.is_none()).await?;
-    let mut random = SmallRng::seed_from_u64(options.seed);
-    let options_by_number = (1..options.clients)
-        .map(|i| {
-            let place = start(i).or_else(|| grounds.navigation.random(&mut random));
-            Ok((i, connect_options(options, i, place)?))
-        })
-        .collect::<Result<_, IdentityError>>()?;
-    let servers: Vec<SocketAddr> = [address].iter().chain(&options.others).copied().collect();
-    let (mut sessions, joining) = connect_all(&dialer, &servers, options_by_number).await;
-    sessions.insert(0, (0, first));
-    let members = sessions.into_iter().map(|(i, session)| {
-        let pose = session.pose();
-        let visitor = match tracks.and_then(|tracks| tracks.get(i)) {
-            Some(track) => Visitor::Recorded(track.clone()),
-            None => {
-                let seed = options.seed.wrapping_mul(0x9e37_79b9).wrapping_add(i as u64);
-                Visitor::Wandering(Box::new(Wanderer::new(&world, pose.eye, seed)))
-            }
-        };
-        let world = session.world();
-        // It begins where it has just entered.
-        session.events();
-        ConnectedVisitor { session, visitor, world, pose, leapt: None, has_ended: false }
-    });
-    Ok((members.collect(), grounds, joining))
-}
-
-/// Connects with each of the options, a few at a time and one after the other, to the servers in
-/// turns. Returns the sessions in order, and how they came in.
-async fn connect_all(
-    dialer: &Arc<Dialer>,
-    servers: &[SocketAddr],
-    mut options_by_number: VecDeque<(usize, ConnectOptions)>,
-) -> (Vec<(usize, Session)>, Joining) {
-    let (mut sessions, mut joining) = (Vec::new(), Joining::default());
-    let mut connecting = JoinSet::new();
-    let begin = Instant::now();
-    let mut turns = tokio::time::interval(JOIN_INTERVAL);
-    turns.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    loop {
-        while connecting.len() < CONNECTING_MAX
-            && let Some((i, hello)) = options_by_number.pop_front()
-        {
-            turns.tick().await;
-            let (dialer, begin) = (dialer.clone(), Instant::now());
-            let address = servers[i % servers.len()];
-            connecting.spawn(async move {
-                let session = dialer.connect(address, &hello).await;
-                (i, session, begin.elapsed())
-            });
-        }
-        match connecting.join_next().await {
-            Some(Ok((i, Ok(session), time))) => {
-                sessions.push((i, session));
-                joining.times.push(time);
-            }
-            Some(Ok((i, Err(error), _))) => {
-                tracing::warn!(visitor = i + 1, %error, "a visitor could not come in");
-                joining.refused += 1;
-            }
-            Some(Err(_)) => joining.refused += 1,
-            None => break,
-        }
-    }
-    debug_assert!(connecting.is_empty(), "every attempt has ended");
-    joining.whole = begin.elapsed();
-    sessions.sort_by_key(|(i, _)| *i);
-    (sessions, joining)
-}
-
-/// The options of a visitor, which has a key of its own.
-fn connect_options(
-    options: &SwarmOptions,
-    i: usize,
-    place: Option<glam::Vec3>,
-) -> Result<ConnectOptions, IdentityError> {
-    let mut random = SmallRng::seed_from_u64(options.seed ^ i as u64);
-    // Bright colours, seldom twice the same.
-    let mut colour = [255, random.random_range(40..=255), 40];
-    colour.rotate_right(random.random_range(0..3));
-    if random.random_bool(0.5) {
-        colour.swap(0, 1);
-    }
-    Ok(ConnectOptions {
-        name: Name::clipped(&format!("Visitor {}", i + 1)),
-        colour,
-        place,
-        trust: options.trust.clone(),
-        identity: Arc::new(Identity::generate()?),
-        invitation: None,
-        in_pieces: false,
-        progress: None,
-    })
 }

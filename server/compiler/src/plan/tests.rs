@@ -17,6 +17,7 @@ fn compiled() -> World {
     let options = crate::CompileOptions {
         voxel: Some(0.125),
         cell: Some(3.0),
+        light: crate::LightMethod::None,
         ..crate::CompileOptions::default()
     };
     let go_on = |_, _| std::ops::ControlFlow::Continue(());

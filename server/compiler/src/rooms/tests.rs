@@ -11,7 +11,7 @@ use sightline_world::{
 };
 
 use super::*;
-use crate::{CompileError, CompileOptions, CompileReport, import::glb, model::Model};
+use crate::{CompileError, CompileOptions, CompileReport, LightMethod, import::glb, model::Model};
 
 /// Two rooms of 4 × 3 × 4 m side by side, and a door in the wall between them, 1 m wide.
 fn house() -> Model {
@@ -42,7 +42,8 @@ fn house() -> Model {
 fn compiled(toml: &str) -> Result<(World, CompileReport), CompileError> {
     let mut model = house();
     model.rooms = text::read(toml, "house.rooms.toml")?;
-    let options = CompileOptions { voxel: Some(0.2), ..CompileOptions::default() };
+    let options =
+        CompileOptions { voxel: Some(0.2), light: LightMethod::None, ..CompileOptions::default() };
     crate::compile(&model, &options, &|_, _| ControlFlow::Continue(()))
 }
 

@@ -4,7 +4,7 @@ use glam::Vec3;
 use sightline_fixtures::boxes::box_triangles;
 use sightline_world::{Spawn, World, geometry::Aabb};
 
-use crate::{CompileOptions, CompileReport, compile, model::Model};
+use crate::{CompileOptions, CompileReport, LightMethod, compile, model::Model};
 
 fn slab(min: [f32; 3], max: [f32; 3]) -> Vec<[Vec3; 3]> {
     box_triangles(&Aabb::new(Vec3::from(min), Vec3::from(max)))
@@ -33,7 +33,12 @@ fn house() -> Vec<[Vec3; 3]> {
 fn compiled(triangles: Vec<[Vec3; 3]>, spawns: &[[f32; 3]]) -> (World, CompileReport) {
     let mut model = Model::of_triangles("house", triangles, [200; 3]);
     model.spawns = spawns.iter().map(|&eye| Spawn { eye: eye.into(), yaw: 1.0 }).collect();
-    let options = CompileOptions { voxel: Some(0.1), cell: Some(100.0), ..Default::default() };
+    let options = CompileOptions {
+        voxel: Some(0.1),
+        cell: Some(100.0),
+        light: LightMethod::None,
+        ..Default::default()
+    };
     compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap()
 }
 

@@ -4,7 +4,7 @@ use sightline_world::geometry::Aabb;
 
 use super::*;
 use crate::{
-    CompileOptions, compile,
+    CompileOptions, LightMethod, compile,
     model::{Surface, SurfaceMaterial},
 };
 
@@ -37,7 +37,12 @@ fn house() -> Vec<[Vec3; 3]> {
 }
 
 fn verdict(model: &Model) -> Verdict {
-    let options = CompileOptions { voxel: Some(0.1), ..CompileOptions::default() };
+    let options = CompileOptions {
+        voxel: Some(0.1),
+        cell: Some(3.0),
+        light: LightMethod::None,
+        ..CompileOptions::default()
+    };
     let (world, _) = compile(model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
     Verdict::new(model, &world)
 }

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use rand::{SeedableRng, rngs::SmallRng};
-use sightline_compiler::{CompileOptions, compile, import};
+use sightline_compiler::{CompileOptions, LightMethod, compile, import};
 use sightline_fixtures::shared_files::shared_file;
 
 use crate::box_pairs::BoxPairTally;
@@ -27,7 +27,12 @@ fn nobody_is_missed(map: &str, share_min: f64) {
     let Some(path) = shared_file(map) else { return };
     let model = import::read(&path, &[]).unwrap();
     // The PVS is not used, so cells may be coarse.
-    let options = CompileOptions { voxel: Some(4.0), cell: Some(20.0), ..Default::default() };
+    let options = CompileOptions {
+        voxel: Some(4.0),
+        cell: Some(20.0),
+        light: LightMethod::None,
+        ..Default::default()
+    };
     let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
     let mut tally = BoxPairTally::default();
     let mut rng = SmallRng::seed_from_u64(4);

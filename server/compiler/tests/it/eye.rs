@@ -6,7 +6,7 @@ use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use roaring::RoaringBitmap;
 use sightline_compiler::{
-    CompileOptions, compile,
+    CompileOptions, LightMethod, compile,
     import::{self, glb},
     model::Model,
 };
@@ -20,7 +20,12 @@ use sightline_world::{
 };
 
 fn compiled(model: &Model) -> World {
-    let options = CompileOptions { voxel: Some(0.5), cell: Some(3.0), ..CompileOptions::default() };
+    let options = CompileOptions {
+        voxel: Some(0.5),
+        cell: Some(3.0),
+        light: LightMethod::None,
+        ..CompileOptions::default()
+    };
     compile(model, &options, &|_, _| ControlFlow::Continue(())).unwrap().0
 }
 

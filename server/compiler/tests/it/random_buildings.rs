@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use glam::{DMat3, DVec3, Quat, Vec2, Vec3};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_compiler::{
-    CompileOptions, CompileReport, compile,
+    CompileOptions, CompileReport, LightMethod, compile,
     import::glb,
     model::{ConvexFace, ConvexSolid, Model},
     verify::{self, verify},
@@ -93,7 +93,12 @@ fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
 }
 
 fn compiled(model: &Model) -> (World, CompileReport) {
-    let options = CompileOptions { voxel: Some(2.0), cell: Some(3.0), ..Default::default() };
+    let options = CompileOptions {
+        voxel: Some(2.0),
+        cell: Some(3.0),
+        light: LightMethod::None,
+        ..Default::default()
+    };
     compile(model, &options, &|_, _| ControlFlow::Continue(())).unwrap()
 }
 

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use glam::{Vec2, Vec3};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_compiler::{
-    CompileOptions, compile,
+    CompileOptions, LightMethod, compile,
     import::glb,
     model::Model,
     rooms::{self, RoomScope, text},
@@ -23,8 +23,12 @@ const SHARED: f32 = 0.8;
 const FOUND: f32 = 0.95;
 
 fn compiled(model: &Model, voxel: f32) -> World {
-    let options =
-        CompileOptions { voxel: Some(voxel), cell: Some(3.0), ..CompileOptions::default() };
+    let options = CompileOptions {
+        voxel: Some(voxel),
+        cell: Some(3.0),
+        light: LightMethod::None,
+        ..CompileOptions::default()
+    };
     compile(model, &options, &|_, _| ControlFlow::Continue(())).unwrap().0
 }
 

@@ -91,30 +91,11 @@ fn reached(cells: &Cells, eye: Vec3, within: &Aabb) -> BTreeSet<u32> {
 mod tests {
     use std::time::Duration;
 
-    use glam::UVec3;
     use sightline_fixtures::two_rooms;
     use sightline_visibility::streaming::pieces_of;
-    use sightline_world::{
-        motion::Body,
-        octree::{Octree, Voxel, morton},
-    };
+    use sightline_world::motion::Body;
 
     use super::*;
-
-    /// Two rooms that are joined by nothing, on a floor of voxels.
-    fn closed_rooms() -> Arc<World> {
-        let mut world = two_rooms::world();
-        (world.cells.portals, world.cells.gates) = (Vec::new(), Vec::new());
-        world.cells.cells.iter_mut().for_each(|cell| cell.portals.clear());
-        world.cells.spaces.iter_mut().for_each(|space| space.gates.clear());
-        world.cells.pvs = (0..2).map(|cell| RoaringBitmap::from_iter([cell])).collect();
-        let voxels = (0..240u32 * 120).map(|i| {
-            let key = morton(UVec3::new(i % 240, 0, i / 240));
-            Voxel { key, ..Voxel::default() }
-        });
-        world.octree = Octree::from_voxels(Vec3::ZERO, 0.05, 8, voxels.collect()).unwrap();
-        Arc::new(world)
-    }
 
     fn whereabouts(world: &World, eye: Vec3, around: f32) -> Whereabouts {
         let axes = world.cells.axes;
@@ -125,7 +106,7 @@ mod tests {
 
     #[test]
     fn who_is_in_a_closed_room_may_have_what_is_in_it_and_around_the_body() {
-        let world = closed_rooms();
+        let world = Arc::new(two_rooms::without_door());
         let head = WorldHead::read(&pieces_of(&world, &[]).head).unwrap();
         let (branches, edge) = (head.octree.branches(), head.octree.edge_after(0));
         let bounds: Vec<Aabb> = (0..branches).filter_map(|at| head.octree.bounds_of(at)).collect();

@@ -45,7 +45,7 @@ pub(crate) struct CertificateInputs {
 #[derive(Clone, Copy, Default)]
 struct AvatarInputs {
     /// The space that the avatar is in.
-    home: Option<u32>,
+    space: Option<u32>,
     /// Whether there is a new pose of the avatar.
     has_news: bool,
 }
@@ -68,7 +68,7 @@ impl CertificateInputs {
         };
         for LiveAvatar { member, regions, has_news, .. } in live.all() {
             let slot = member.slot.0 as usize;
-            inputs.avatars[slot] = AvatarInputs { home: regions.home(), has_news: *has_news };
+            inputs.avatars[slot] = AvatarInputs { space: regions.space(), has_news: *has_news };
             let versions = &mut inputs.versions[slot * kinds..][..kinds];
             versions.iter_mut().zip(regions.versions()).for_each(|(to, from)| *to = from);
         }
@@ -83,7 +83,7 @@ impl CertificateInputs {
 
     /// Ends the certificates of a viewer that do not hold any more.
     pub(super) fn end(&self, viewer: &LiveAvatar<'_>, pairs: &mut Pairs) {
-        let AvatarInputs { home, has_news } = self.avatars[viewer.member.slot.0 as usize];
+        let AvatarInputs { space, has_news } = self.avatars[viewer.member.slot.0 as usize];
         let shown = viewer.regions.shown();
         let has_other_seals = has_news && self.has_rules;
         for certificate in pairs.certificates_mut() {
@@ -96,7 +96,7 @@ impl CertificateInputs {
                         && certificate.bodies == self.version(slot, shown, margin)
                 }
                 Grounds::HiddenNow | Grounds::MaySee => true,
-                Grounds::Together => home.is_some() && home == other().home,
+                Grounds::Together => space.is_some() && space == other().space,
             };
             if !holds {
                 certificate.until = certificate.until.min(self.tick + self.late);

@@ -234,8 +234,8 @@ impl SightTests<'_> {
         pair: &mut Pair,
     ) -> bool {
         let has_rules = self.context.building.rooms.can_rule_out();
-        let [home, other_home] = [viewer, other].map(|avatar| avatar.regions.home());
-        if home.is_some() && home == other_home && !has_rules {
+        let [space, other_space] = [viewer, other].map(|avatar| avatar.regions.space());
+        if space.is_some() && space == other_space && !has_rules {
             // A space is convex, and nothing in it blocks sight.
             pair.sight = SightResult::Together;
             return false;

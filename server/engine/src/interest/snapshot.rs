@@ -116,7 +116,7 @@ impl<'a> Snapshot<'a> {
         let mut order: Vec<(SortKey, Slot)> = Vec::with_capacity(avatars.len());
         for (avatar, slot) in avatars.iter().zip(0..) {
             if let Some(avatar) = avatar.as_ref().filter(|avatar| avatar.is_live()) {
-                let key = SortKey { space: avatar.regions.home(), id: avatar.id };
+                let key = SortKey { space: avatar.regions.space(), id: avatar.id };
                 order.push((key, Slot(slot)));
             }
         }

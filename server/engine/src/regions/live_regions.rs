@@ -53,12 +53,12 @@ pub(crate) struct LiveRegions {
     /// The body regions of others that this avatar must be shown.
     shown: RegionKind,
     /// The eye position that the regions were last updated for.
-    home: Option<Home>,
+    last_place: Option<Place>,
 }
 
 /// An eye position in own axes, and the space that it is in.
 #[derive(Clone, Copy, Debug)]
-struct Home {
+struct Place {
     from: Vec3,
     cell: Option<CellId>,
     space: Option<u32>,
@@ -266,13 +266,13 @@ impl LiveRegions {
     }
 
     /// The space that the avatar was in at its last update, if it was in one.
-    pub(crate) fn home(&self) -> Option<u32> {
-        self.home.and_then(|home| home.space)
+    pub(crate) fn space(&self) -> Option<u32> {
+        self.last_place.and_then(|place| place.space)
     }
 
     /// The cell that the avatar was in at its last update, if it was in one.
     pub(crate) fn cell(&self) -> Option<CellId> {
-        self.home.and_then(|home| home.cell)
+        self.last_place.and_then(|place| place.cell)
     }
 
     /// Where the eye can be at this tick for a kind of region, whatever walls are in this box.
@@ -367,11 +367,11 @@ impl LiveRegions {
             bound.scaled(config.faults.region_scale).eyes
         };
         self.prepare(own, delays);
-        let has_moved = self.home.is_none_or(|home| home.from != motion.from);
+        let has_moved = self.last_place.is_none_or(|place| place.from != motion.from);
         if has_moved {
             let cell = building.cell_at(motion.from, self.cell());
             let space = cell.map(|cell| building.cells().cells[cell.0 as usize].space);
-            self.home = Some(Home { from: motion.from, cell, space });
+            self.last_place = Some(Place { from: motion.from, cell, space });
         }
         // A doubted avatar may be anywhere, but is told of no more than others.
         let own_eyes = eyes_in(own, true);

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt::Write as _, ops::ControlFlow, sync::Arc};
 use glam::Vec3;
 use rand::{Rng, rngs::SmallRng};
 use sightline_cli::trace::Trace;
-use sightline_compiler::{CompileOptions, compile, model::Model};
+use sightline_compiler::{CompileOptions, LightMethod, compile, model::Model};
 use sightline_fixtures::boxes::box_triangles;
 use sightline_oracle::Oracle;
 use sightline_world::{Spawn, World, geometry::Aabb};
@@ -51,7 +51,12 @@ impl House {
             speed_max: 2.0,
             ..Model::of_triangles("house", opaque, [200; 3])
         };
-        let options = CompileOptions { voxel: Some(0.5), cell: Some(3.0), ..Default::default() };
+        let options = CompileOptions {
+            voxel: Some(0.5),
+            cell: Some(3.0),
+            light: LightMethod::None,
+            ..Default::default()
+        };
         let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
         Self { world: Arc::new(world), rooms }
     }

@@ -14,8 +14,8 @@ use crate::quantise::{SPEED_UNITS, WirePose};
 
 /// Avatars within this distance of their viewer come first, in metres.
 pub const NEAR_M: f32 = 10.0;
-/// Who is near is found anew only every few ticks, in which two people come closer by no more than
-/// this, in metres.
+/// The encoder finds the near ones anew only every few ticks. Two people come closer in that time by
+/// no more than this, in metres.
 const NEAR_SLACK_M: f32 = 2.0;
 /// A course that has waited for this long comes before all that have not.
 pub const OVERDUE: Duration = Duration::from_millis(1_500);
