@@ -2,8 +2,7 @@
 
 use std::{
     collections::BTreeSet,
-    net::{SocketAddr, TcpListener, TcpStream},
-    process::{Child, Command, Stdio},
+    net::SocketAddr,
     sync::{Arc, OnceLock},
     time::{Duration, Instant},
 };
@@ -17,11 +16,12 @@ use sightline_compiler::{CompileOptions, LightMethod, compile, import::glb};
 use sightline_server::{
     bus::{Bus, BusOptions, STATIONS_MAX},
     net::{Identity, ServeConfig, ServedWorld, Server},
+    operate::BusStats,
 };
 use sightline_world::motion::AvatarId;
 use tokio::runtime::{self, Runtime};
 
-use crate::{PATIENCE, hears, operators::check_metrics_of_station, options};
+use crate::{PATIENCE, hears, nats::Nats, operators::check_metrics_of_station, options};
 
 /// How many stations there are.
 const STATIONS: usize = 4;
@@ -33,12 +33,6 @@ const WALK: Duration = Duration::from_secs(6);
 const STANDING_EACH: usize = 2;
 /// The time within which visitors of a lost station are back, and a bus that is back has healed.
 const BACK_WITHIN: Duration = Duration::from_secs(5);
-
-/// A NATS server on loopback, with a user and a password. It ends when it is dropped.
-struct Nats {
-    child: Child,
-    port: u16,
-}
 
 /// A station with a runtime of its own, so that it can stop from one moment to the next.
 ///
@@ -54,35 +48,6 @@ struct Station {
 struct Standing {
     session: Session,
     station: usize,
-}
-
-impl Nats {
-    /// Starts one. `None` where no program is.
-    fn start(port: u16) -> Option<Self> {
-        let arguments = ["-a", "127.0.0.1", "--user", "ada", "--pass", "l@ve", "-p"];
-        let mut command = Command::new("nats-server");
-        command.args(arguments).arg(port.to_string());
-        let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().ok()?;
-        let nats = Self { child, port };
-        until("NATS listens", || TcpStream::connect(("127.0.0.1", port)).is_ok());
-        Some(nats)
-    }
-
-    fn stop(mut self) -> u16 {
-        self.end();
-        self.port
-    }
-
-    fn end(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-impl Drop for Nats {
-    fn drop(&mut self) {
-        self.end();
-    }
 }
 
 impl Station {
@@ -107,9 +72,9 @@ impl Station {
         drop(self.server);
     }
 
-    fn neighbours(&self) -> usize {
+    fn bus(&self) -> BusStats {
         let overview = self.runtime.block_on(self.server.observer().overview());
-        overview.and_then(|overview| overview.bus).map_or(0, |bus| bus.stations)
+        overview.and_then(|overview| overview.bus).unwrap_or_default()
     }
 }
 
@@ -179,13 +144,9 @@ fn hold(standing: &[Standing], is_held: impl Fn(&Standing, &Standing) -> bool) -
 
 #[test]
 fn four_stations_are_one_building_and_outlive_one_of_them_and_their_bus() {
-    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let Some(nats) = Nats::start(port) else {
-        println!("skipped: nats-server is not installed");
-        return;
-    };
+    let Some(nats) = Nats::start() else { return };
     let identity = Identity::generate().unwrap();
-    let url = format!("nats://ada:l%40ve@127.0.0.1:{port}");
+    let url = nats.url();
     world();
     let mut stations: Vec<Station> = std::thread::scope(|scope| {
         let starting: Vec<_> =
@@ -194,11 +155,13 @@ fn four_stations_are_one_building_and_outlive_one_of_them_and_their_bus() {
     });
     let numbers: BTreeSet<u32> = stations.iter().map(|station| station.number).collect();
     assert_eq!(numbers.len(), STATIONS, "each has a number of its own");
-    until("they know each other", || stations.iter().all(|s| s.neighbours() == STATIONS - 1));
+    until("they know each other", || stations.iter().all(|s| s.bus().stations == STATIONS - 1));
 
     let clients = threads(1);
     clients.block_on(check_metrics_of_station(&stations[0].server));
     walk(&clients, &stations);
+    let shares = |station: &Station| station.bus().is_sharing;
+    assert!(!stations.iter().any(shares), "this NATS has no JetStream");
     let mut standing = stand(&clients, &stations);
     until("all see all", || hold(&standing, |_, _| true));
     standing[0].session.chat("Good morning").unwrap();
@@ -217,7 +180,7 @@ fn four_stations_are_one_building_and_outlive_one_of_them_and_their_bus() {
         };
         hold(&standing, is_near)
     });
-    let _nats = Nats::start(port).expect("it was there before");
+    let _nats = Nats::again(port, None);
     let healed = until("all see all again", || hold(&standing, |_, _| true));
     println!("healed {} ms after NATS came back", healed.as_millis());
     assert!(healed < BACK_WITHIN, "{healed:?}");

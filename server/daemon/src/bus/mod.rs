@@ -16,11 +16,18 @@
 //!
 //! WORLD is the first half of the world's content id, in hexadecimal digits: stations hear only of
 //! those that serve the same world file.
+//!
+//! What is known of people is shared by all stations of the bus, whatever they serve
+//! (`shared_people`): a ban is of a person, not of a building.
 
+#[cfg(feature = "bus")]
+mod buckets;
 pub(crate) mod engine_end;
 mod lateness;
 #[cfg(feature = "bus")]
 mod nats;
+#[cfg(feature = "bus")]
+pub(crate) mod shared_people;
 
 use std::{
     path::PathBuf,
@@ -37,7 +44,11 @@ use tokio::{
 };
 
 use crate::operate::BusCounters;
+#[cfg(feature = "bus")]
+use crate::people::People;
 use engine_end::EngineEnd;
+#[cfg(feature = "bus")]
+use shared_people::SharedPeople;
 
 /// The greatest number of a station on a bus; the least is 1.
 pub const STATIONS_MAX: u32 = 127;
@@ -101,7 +112,12 @@ pub(crate) struct BusLink {
     outgoing: mpsc::Sender<Outgoing>,
     addresses: watch::Receiver<Vec<StationAddress>>,
     counters: Arc<BusCounters>,
-    task: JoinHandle<()>,
+    #[cfg(feature = "bus")]
+    client: async_nats::Client,
+    /// Changes whenever NATS is reached.
+    #[cfg(feature = "bus")]
+    connections: watch::Receiver<u32>,
+    tasks: Vec<JoinHandle<()>>,
 }
 
 /// What goes out on the bus.
@@ -145,10 +161,12 @@ impl Bus {
         let (outgoing, to_send) = mpsc::channel(PARCELS_MAX);
         let (heard, incoming) = mpsc::channel(PARCELS_MAX);
         let (told, addresses) = watch::channel(Vec::new());
-        let station = joined.station();
-        let task = tokio::spawn(joined.run(to_send, heard, told, counters.clone()));
+        let (station, client, connections) =
+            (joined.station(), joined.client(), joined.connections());
+        let tasks = vec![tokio::spawn(joined.run(to_send, heard, told, counters.clone()))];
         let end = EngineEnd::new(station, outgoing.clone(), incoming, counters.clone());
-        Ok(Self { end, link: BusLink { station, outgoing, addresses, counters, task } })
+        let link = BusLink { station, outgoing, addresses, counters, client, connections, tasks };
+        Ok(Self { end, link })
     }
 
     /// There is no bus in this program.
@@ -183,6 +201,16 @@ impl BusLink {
         self.addresses.clone()
     }
 
+    /// Shares bans, mutes and roles with other stations from now on. Visitors whom they ban are
+    /// removed by `on_ban`.
+    #[cfg(feature = "bus")]
+    pub fn share_people(&mut self, people: Arc<People>, on_ban: shared_people::OnBan) {
+        let (client, connections) = (self.client.clone(), self.connections.clone());
+        let counters = self.counters.clone();
+        let shared = SharedPeople::new(client, connections, people, on_ban, counters);
+        self.tasks.extend(shared.map(|shared| tokio::spawn(shared.run())));
+    }
+
     /// What is counted.
     pub fn counters(&self) -> Arc<BusCounters> {
         self.counters.clone()
@@ -191,7 +219,7 @@ impl BusLink {
 
 impl Drop for BusLink {
     fn drop(&mut self) {
-        self.task.abort();
+        self.tasks.iter().for_each(JoinHandle::abort);
     }
 }
 

@@ -50,6 +50,7 @@ const EVENTS_MAX: usize = 64;
 pub(super) struct Nats {
     client: Client,
     events: mpsc::Receiver<Event>,
+    connections: watch::Receiver<u32>,
     number: Number,
 }
 
@@ -106,6 +107,8 @@ impl Nats {
         let servers = parsed.map_err(|_| BusError::Url(without_users(url)))?;
         let at = without_users(url);
         let (said, events) = mpsc::channel(EVENTS_MAX);
+        let (reached, connections) = watch::channel(0);
+        let reached = Arc::new(reached);
         let mut connect = ConnectOptions::new()
             .name("sightline")
             .no_echo()
@@ -116,10 +119,17 @@ impl Nats {
             .reconnect_delay_callback(|attempts| {
                 RECONNECT_STEP.saturating_mul(attempts as u32).min(RECONNECT_MAX)
             })
+            // Whoever may use sightline.> hears the answers, too.
+            .custom_inbox_prefix("sightline.inbox")
             .event_callback(move |event| {
-                let said = said.clone();
-                // More than wait already say nothing new.
-                async move { drop(said.try_send(event)) }
+                let (said, reached) = (said.clone(), reached.clone());
+                async move {
+                    if matches!(event, Event::Connected) {
+                        reached.send_modify(|connections| *connections += 1);
+                    }
+                    // More than wait already say nothing new.
+                    drop(said.try_send(event));
+                }
             });
         if let Some(path) = credentials {
             connect =
@@ -133,11 +143,21 @@ impl Nats {
         let failed = |reason: String| BusError::Connect { at: at.clone(), reason };
         let client = connect.connect(servers).await.map_err(|error| failed(error.to_string()))?;
         let number = Number::draw(&client).await?.map_err(failed)?;
-        Ok(Self { client, events, number })
+        Ok(Self { client, events, connections, number })
     }
 
     pub(super) fn station(&self) -> StationId {
         StationId(self.number.number)
+    }
+
+    /// The connection.
+    pub(super) fn client(&self) -> Client {
+        self.client.clone()
+    }
+
+    /// Changes whenever NATS is reached.
+    pub(super) fn connections(&self) -> watch::Receiver<u32> {
+        self.connections.clone()
     }
 
     /// Carries parcels to and from the bus until the server ends.

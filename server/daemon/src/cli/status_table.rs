@@ -152,6 +152,11 @@ impl<'a> StatusFigures<'a> {
                 ),
             );
             let [messages_in, bytes_in, messages_out, bytes_out] = self.bus_rates;
+            let people = match bus.is_sharing {
+                true => format!("bans, mutes and roles are shared, of {} in all", bus.rulings),
+                false => "nothing is shared at present: see the log".to_owned(),
+            };
+            row("people", people);
             row("bus in", format!("{messages_in:.0} messages/s, {bytes_in:.0} bytes/s"));
             row("bus out", format!("{messages_out:.0} messages/s, {bytes_out:.0} bytes/s"));
         }
@@ -311,6 +316,9 @@ mod tests {
         now.bus = Some(BusStats { messages_in, is_connected, stations, ..BusStats::default() });
         let text = StatusFigures::new(&now, None).whole();
         assert!(text.contains("3 stations") && text.contains("40 messages/s"), "{text}");
+        assert!(text.contains("nothing is shared"), "{text}");
+        now.bus = Some(BusStats { is_sharing: true, rulings: 7, ..BusStats::default() });
+        assert!(StatusFigures::new(&now, None).whole().contains("shared, of 7"));
         now.bus = Some(BusStats::default());
         assert!(StatusFigures::new(&now, None).whole().contains("lost"));
     }

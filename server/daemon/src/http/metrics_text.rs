@@ -139,6 +139,12 @@ fn bus(rows: &mut Rows, counters: &BusCounters) {
     rows.gauges("bus_guests", "Known avatars of other stations, by state", guests);
     rows.gauge("bus_sectors", "Sectors of the building", now.sectors as f64);
     rows.gauge("bus_sectors_subscribed", "Sectors subscribed to", now.subscribed as f64);
+    let is_sharing = if now.is_sharing { 1.0 } else { 0.0 };
+    rows.gauge("bus_sharing", "Whether bans, mutes and roles are shared", is_sharing);
+    let help = "Visitors and networks about whom something is ruled at all stations";
+    rows.gauge("bus_rulings", help, now.rulings as f64);
+    let results = counters.rulings_by_result().map(|(what, n)| (vec![("result", what)], n as f64));
+    rows.counters("bus_rulings_shared", "Rulings on the bus, by result", results.to_vec());
 }
 
 fn present(rows: &mut Rows, overview: &Overview) {

@@ -241,7 +241,8 @@ impl Server {
         let cutting = Cutting::new(&state.config).cut_offered(state.offers.offers());
         let cutting = tokio::spawn(cutting);
         let fingerprint = identity.fingerprint();
-        let bus = link.map(|link| {
+        let bus = link.map(|mut link| {
+            share_people(&mut link, &state);
             if let Some(address) = address_for_others(&state.config, &endpoint) {
                 link.tell_address(StationAddress { address, fingerprint });
             }
@@ -345,6 +346,17 @@ impl Server {
 fn address_for_others(config: &ServeConfig, endpoint: &Endpoint) -> Option<SocketAddr> {
     let own = endpoint.local_addr().ok().filter(|own| !own.ip().is_unspecified());
     config.bus_address.or(own)
+}
+
+/// Shares bans, mutes and roles with other stations.
+#[cfg_attr(not(feature = "bus"), expect(unused_variables, reason = "there is no bus"))]
+fn share_people(link: &mut BusLink, state: &ServerState) {
+    #[cfg(feature = "bus")]
+    {
+        let moderation = Moderation::new(state);
+        let on_ban = move |subject, reason: &str| moderation.remove_banned(subject, reason);
+        link.share_people(state.people.clone(), Box::new(on_ban));
+    }
 }
 
 /// Tells clients of other stations, whenever there are others.

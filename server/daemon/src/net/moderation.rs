@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     address::network,
-    people::{Act, People, Role, Subject},
+    people::{Act, People, Role, Standing, Subject},
 };
 
 /// A visitor, as moderators see it.
@@ -145,18 +145,37 @@ impl Moderation {
         subject: Subject,
         reason: &str,
     ) -> Result<(), ModerationError> {
-        let banned = || match subject {
-            Subject::Key(key) => vec![key],
-            Subject::Network(banned) => self.of_network(banned),
-        };
         self.check_role(author, Role::Moderator)?;
-        banned().into_iter().try_for_each(|key| self.check(author, key))?;
+        self.keys_of(subject).into_iter().try_for_each(|key| self.check(author, key))?;
         self.people.act(&author.to_string(), Act::Ban(subject, reason.to_owned()), reason);
         // More may have come in before the ban.
-        for key in banned() {
+        self.remove_banned(subject, reason);
+        Ok(())
+    }
+
+    /// Removes those who are here and are banned now.
+    pub(super) fn remove_banned(&self, subject: Subject, reason: &str) {
+        for key in self.keys_of(subject) {
             self.remove(key, &told("you are banned", reason));
         }
-        Ok(())
+    }
+
+    /// The keys of those whom a ban is about.
+    fn keys_of(&self, subject: Subject) -> Vec<KeyFingerprint> {
+        match subject {
+            Subject::Key(key) => vec![key],
+            Subject::Network(network) => self.of_network(network),
+        }
+    }
+
+    /// How the server stands to somebody, here or not.
+    pub fn standing(&self, key: KeyFingerprint) -> Standing {
+        self.people.standing(key)
+    }
+
+    /// Whether the owner of a key is kept out.
+    pub fn keeps_out(&self, key: KeyFingerprint) -> bool {
+        self.people.is_banned(key, None)
     }
 
     /// The key of a visitor.

@@ -42,6 +42,25 @@ pub(crate) struct BusCounters {
     sectors: AtomicUsize,
     subscribed: AtomicUsize,
     delay_us: AtomicU64,
+    is_sharing: AtomicBool,
+    rulings: AtomicUsize,
+    rulings_in: AtomicU64,
+    rulings_out: AtomicU64,
+    rulings_again: AtomicU64,
+    rulings_broken: AtomicU64,
+}
+
+/// What happened to a ruling on the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum BusRuling {
+    /// Another station's counts here, too.
+    In,
+    /// This station's counts at others, too.
+    Out,
+    /// Another station ruled at the same time, so it was merged and written again.
+    Again,
+    /// It was none, and is ignored.
+    Broken,
 }
 
 /// What a station knows of others at a tick.
@@ -85,6 +104,12 @@ pub struct BusStats {
     pub bytes_in: u64,
     /// Parcels dropped since the start.
     pub dropped: u64,
+    /// Whether bans, mutes and roles are shared with other stations at present.
+    #[serde(default)]
+    pub is_sharing: bool,
+    /// About how many something was ruled, as far as the stations share it.
+    #[serde(default)]
+    pub rulings: usize,
 }
 
 impl BusCounters {
@@ -117,6 +142,37 @@ impl BusCounters {
         self.sectors.store(now.sectors, Relaxed);
         self.subscribed.store(now.subscribed, Relaxed);
         self.delay_us.store(u64::try_from(now.delay.as_micros()).unwrap_or(u64::MAX), Relaxed);
+    }
+
+    /// Takes in whether rulings are shared, and how many there are.
+    pub(crate) fn set_sharing(&self, is_sharing: bool, rulings: usize) {
+        self.is_sharing.store(is_sharing, Relaxed);
+        self.rulings.store(rulings, Relaxed);
+    }
+
+    /// Counts a ruling on the bus.
+    pub(crate) fn count_ruling(&self, what: BusRuling) {
+        self.ruling_counter(what).fetch_add(1, Relaxed);
+    }
+
+    /// How many rulings there were on the bus, by what happened to them.
+    pub(crate) fn rulings_by_result(&self) -> [(&'static str, u64); 4] {
+        let named = [
+            ("in", BusRuling::In),
+            ("out", BusRuling::Out),
+            ("again", BusRuling::Again),
+            ("broken", BusRuling::Broken),
+        ];
+        named.map(|(name, what)| (name, self.ruling_counter(what).load(Relaxed)))
+    }
+
+    fn ruling_counter(&self, what: BusRuling) -> &AtomicU64 {
+        match what {
+            BusRuling::In => &self.rulings_in,
+            BusRuling::Out => &self.rulings_out,
+            BusRuling::Again => &self.rulings_again,
+            BusRuling::Broken => &self.rulings_broken,
+        }
     }
 
     /// What was sent, by kind.
@@ -157,6 +213,8 @@ impl BusCounters {
             messages_in,
             bytes_in,
             dropped: self.dropped_by_reason().map(|(_, count)| count).sum(),
+            is_sharing: self.is_sharing.load(Relaxed),
+            rulings: self.rulings.load(Relaxed),
         }
     }
 }

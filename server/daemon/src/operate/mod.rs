@@ -23,6 +23,8 @@ use std::{
 use serde::{Deserialize, Serialize};
 use sightline_world::motion::ReportingState;
 
+#[cfg(feature = "bus")]
+pub(crate) use bus::BusRuling;
 pub use bus::BusStats;
 pub(crate) use bus::{BusCounters, BusDrop, BusGauges};
 pub use histogram::Histogram;

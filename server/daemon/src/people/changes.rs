@@ -11,7 +11,7 @@ use std::{
 use glam::Vec3;
 use sightline_protocol::fingerprint::KeyFingerprint;
 
-use super::role::Role;
+use super::{role::Role, ruling::Ruling};
 use crate::address::network;
 
 /// The most visitors of whom something waits to be written. Beyond them it is forgotten: the disk
@@ -43,6 +43,15 @@ pub enum Act {
     /// Somebody is kept out no more.
     Unban(Subject),
     /// The BLAKE3 hash of an invitation, and how many it lets in.
+    Invite([u8; 32], u32),
+}
+
+/// A change of what is remembered.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// What was ruled about somebody, here or elsewhere.
+    Rule(Subject, Ruling),
+    /// The hash of an invitation, and how many it lets in.
     Invite([u8; 32], u32),
     /// An invitation has let somebody in.
     UseInvitation([u8; 32]),
@@ -81,7 +90,7 @@ pub struct Said {
 #[derive(Debug, Default)]
 pub struct Pending {
     notes: HashMap<KeyFingerprint, Note>,
-    pub acts: Vec<Act>,
+    pub changes: Vec<Change>,
     said: Vec<Said>,
     /// Where notes go for which there is no room.
     spare: Note,
@@ -120,7 +129,7 @@ impl Pending {
 
     /// Whether nothing waits.
     pub fn is_empty(&self) -> bool {
-        self.notes.is_empty() && self.acts.is_empty() && self.said.is_empty()
+        self.notes.is_empty() && self.changes.is_empty() && self.said.is_empty()
     }
 
     /// Puts back what could not be written. What has become new since then is newer.
@@ -130,7 +139,7 @@ impl Pending {
             note.name = note.name.take().or(old.name);
             note.place = note.place.take().or(old.place);
         }
-        self.acts.splice(0..0, before.acts);
+        self.changes.splice(0..0, before.changes);
         self.said.splice(0..0, before.said);
         self.said.truncate(LINES_MAX);
     }
@@ -173,18 +182,30 @@ impl FromStr for Subject {
 }
 
 impl Act {
+    /// What it changes at a time, in milliseconds since 1970, where something was ruled before.
+    pub fn change(&self, before: impl FnOnce(&Subject) -> Ruling, now: u64) -> Change {
+        let subject = match self {
+            Self::SetRole(key, _) | Self::SetMuted(key, _) | Self::Allow(key) => Subject::Key(*key),
+            Self::Ban(subject, _) | Self::Unban(subject) => *subject,
+            Self::Invite(hash, uses) => return Change::Invite(*hash, *uses),
+        };
+        let mut ruling = before(&subject);
+        ruling.take(self, now);
+        Change::Rule(subject, ruling)
+    }
+}
+
+impl Change {
     /// The line of the audit log about an act.
-    pub fn audit(author: &str, done: &Self, reason: &str) -> Self {
+    pub fn audit(author: &str, done: &Act, reason: &str) -> Self {
         let (act, subject) = match done {
-            Self::SetRole(key, role) => (format!("make {role}"), key.to_string()),
-            Self::SetMuted(key, true) => ("mute".to_owned(), key.to_string()),
-            Self::SetMuted(key, false) => ("unmute".to_owned(), key.to_string()),
-            Self::Allow(key) => ("allow".to_owned(), key.to_string()),
-            Self::Ban(subject, _) => ("ban".to_owned(), subject.to_string()),
-            Self::Unban(subject) => ("unban".to_owned(), subject.to_string()),
-            Self::Invite(_, uses) => (format!("invite {uses}"), String::new()),
-            Self::UseInvitation(_) => ("use invitation".to_owned(), String::new()),
-            Self::Audit { act, subject, .. } => (act.clone(), subject.clone()),
+            Act::SetRole(key, role) => (format!("make {role}"), key.to_string()),
+            Act::SetMuted(key, true) => ("mute".to_owned(), key.to_string()),
+            Act::SetMuted(key, false) => ("unmute".to_owned(), key.to_string()),
+            Act::Allow(key) => ("allow".to_owned(), key.to_string()),
+            Act::Ban(subject, _) => ("ban".to_owned(), subject.to_string()),
+            Act::Unban(subject) => ("unban".to_owned(), subject.to_string()),
+            Act::Invite(_, uses) => (format!("invite {uses}"), String::new()),
         };
         Self::Audit { author: author.to_owned(), act, subject, reason: reason.to_owned() }
     }
@@ -220,15 +241,15 @@ mod tests {
         let building: Arc<str> = "house".into();
         *before.note(key) =
             Note { name: Some("Ada".to_owned()), place: Some((building.clone(), Vec3::ZERO)) };
-        before.acts.push(Act::Allow(key));
+        before.changes.push(Change::UseInvitation([1; 32]));
         let mut now = Pending::default();
         now.note(key).place = Some((building, Vec3::ONE));
-        now.acts.push(Act::SetMuted(key, true));
+        now.changes.push(Change::UseInvitation([2; 32]));
         now.put_back(before);
         let note = now.noted(key).unwrap();
         assert_eq!(note.name.as_deref(), Some("Ada"));
         assert_eq!(note.place.as_ref().unwrap().1, Vec3::ONE);
-        assert_eq!(now.acts, [Act::Allow(key), Act::SetMuted(key, true)]);
+        assert_eq!(now.changes, [1, 2].map(|n| Change::UseInvitation([n; 32])));
     }
 
     #[test]

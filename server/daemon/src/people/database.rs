@@ -1,19 +1,21 @@
 //! The SQLite database.
 
 use std::{
+    collections::HashMap,
     fs, io,
     path::{Path, PathBuf},
     time::{Duration, SystemTime},
 };
 
 use glam::Vec3;
-use rusqlite::{Connection, OptionalExtension, Result, params};
+use rusqlite::{Connection, OptionalExtension, Result, Row, params};
 use sightline_protocol::fingerprint::KeyFingerprint;
 
 use super::{
-    changes::{Act, Note, Pending, Subject},
+    changes::{Act, Change, Note, Pending, Subject},
     migrations::{self, VERSION},
     role::Role,
+    ruling::{Dated, Ruling, line, now_ms},
     standing::{Standing, Standings},
 };
 
@@ -115,24 +117,47 @@ impl Database {
             "SELECT key, role, muted, allowed FROM visitors
              WHERE role != 0 OR muted != 0 OR allowed != 0",
         )?;
+        let mut rulings: HashMap<Subject, Ruling> = HashMap::new();
         let mut rows = statement.query([])?;
         while let Some(row) = rows.next()? {
             let role = Role::of_number(row.get(1)?);
             let (is_muted, is_allowed) = (row.get(2)?, row.get(3)?);
-            standings.set(KeyFingerprint(row.get(0)?), Standing { role, is_muted, is_allowed });
+            let ruling = Ruling::undated(Standing { role, is_muted, is_allowed });
+            rulings.insert(Subject::Key(KeyFingerprint(row.get(0)?)), ruling);
         }
-        let mut statement = self.connection.prepare_cached("SELECT subject FROM bans")?;
+        let mut statement =
+            self.connection.prepare_cached("SELECT subject, reason, since FROM bans")?;
         let mut rows = statement.query([])?;
         while let Some(row) = rows.next()? {
-            match row.get::<_, String>(0)?.parse::<Subject>() {
-                Ok(subject) => standings.apply(&Act::Ban(subject, String::new())),
-                Err(error) => tracing::warn!(%error, "a ban in the database is ignored"),
+            if let Some(subject) = subject(&row.get::<_, String>(0)?) {
+                let since = u64::try_from(row.get::<_, i64>(2)?).unwrap_or_default();
+                let reason = line(&row.get::<_, String>(1)?);
+                let banned = Dated { is: Some(reason), at: since.saturating_mul(1_000) };
+                rulings.entry(subject).or_default().banned = banned;
             }
+        }
+        let mut statement = self.connection.prepare_cached(
+            "SELECT subject, role_at, muted_at, allowed_at, banned_at FROM rulings",
+        )?;
+        let mut rows = statement.query([])?;
+        while let Some(row) = rows.next()? {
+            if let Some(subject) = subject(&row.get::<_, String>(0)?) {
+                let at =
+                    |column| row.get::<_, i64>(column).map(|at| u64::try_from(at).unwrap_or(0));
+                let ruling = rulings.entry(subject).or_default();
+                ruling.role.at = at(1)?;
+                ruling.muted.at = at(2)?;
+                ruling.allowed.at = at(3)?;
+                ruling.banned.at = at(4)?;
+            }
+        }
+        for (subject, ruling) in rulings {
+            standings.apply(&Change::Rule(subject, ruling));
         }
         let mut statement = self.connection.prepare_cached("SELECT hash, uses FROM invitations")?;
         let mut rows = statement.query([])?;
         while let Some(row) = rows.next()? {
-            standings.apply(&Act::Invite(row.get(0)?, row.get(1)?));
+            standings.apply(&Change::Invite(row.get(0)?, row.get(1)?));
         }
         Ok(standings)
     }
@@ -159,8 +184,8 @@ impl Database {
         for (key, note) in pending.notes() {
             write_note(&transaction, now, *key, note)?;
         }
-        for act in &pending.acts {
-            write_act(&transaction, now, act)?;
+        for change in &pending.changes {
+            write_change(&transaction, now, change)?;
         }
         for said in pending.said() {
             let mut statement = transaction
@@ -176,7 +201,8 @@ impl Database {
     /// When the database cannot be written.
     pub fn act(&mut self, author: &str, act: Act, reason: &str) -> Result<(), DatabaseError> {
         let mut pending = Pending::default();
-        pending.acts.extend([Act::audit(author, &act, reason), act]);
+        let change = self.standings()?.act(&act, now_ms());
+        pending.changes.extend([Change::audit(author, &act, reason), change]);
         Ok(self.write(&pending)?)
     }
 
@@ -215,6 +241,13 @@ fn unix_time() -> i64 {
     since.as_secs() as i64
 }
 
+/// Whom a row is about.
+fn subject(text: &str) -> Option<Subject> {
+    let read = text.parse();
+    let read = read.inspect_err(|error| tracing::warn!(%error, "a row in the database is ignored"));
+    read.ok()
+}
+
 fn write_note(connection: &Connection, now: i64, key: KeyFingerprint, note: &Note) -> Result<()> {
     let mut statement = connection.prepare_cached(
         "INSERT INTO visitors (key, name, seen, building, x, y, z)
@@ -231,38 +264,72 @@ fn write_note(connection: &Connection, now: i64, key: KeyFingerprint, note: &Not
     Ok(())
 }
 
-fn write_act(connection: &Connection, now: i64, act: &Act) -> Result<()> {
-    let set = |column: &str, key: &KeyFingerprint, value: i64| {
-        // The columns are named here, and nowhere else.
-        let sql = format!(
-            "INSERT INTO visitors (key, seen, {column}) VALUES (?1, ?2, ?3)
-             ON CONFLICT (key) DO UPDATE SET {column} = ?3"
-        );
-        connection.prepare_cached(&sql)?.execute(params![key.0, now, value])
-    };
-    match act {
-        Act::SetRole(key, role) => set("role", key, role.number())?,
-        Act::SetMuted(key, is_muted) => set("muted", key, i64::from(*is_muted))?,
-        Act::Allow(key) => set("allowed", key, 1)?,
-        Act::Ban(subject, reason) => connection.execute(
-            "INSERT OR REPLACE INTO bans (subject, reason, since) VALUES (?1, ?2, ?3)",
-            params![subject.to_string(), reason, now],
-        )?,
-        Act::Unban(subject) => {
-            connection.execute("DELETE FROM bans WHERE subject = ?1", [subject.to_string()])?
-        }
-        Act::Invite(hash, uses) => connection.execute(
+fn write_change(connection: &Connection, now: i64, change: &Change) -> Result<()> {
+    match change {
+        Change::Rule(subject, ruling) => return write_ruling(connection, now, subject, ruling),
+        Change::Invite(hash, uses) => connection.execute(
             "INSERT OR REPLACE INTO invitations (hash, uses) VALUES (?1, ?2)",
             params![hash, uses],
         )?,
-        Act::UseInvitation(hash) => {
+        Change::UseInvitation(hash) => {
             connection.execute("UPDATE invitations SET uses = uses - 1 WHERE hash = ?1", [hash])?;
             connection.execute("DELETE FROM invitations WHERE uses <= 0", [])?
         }
-        Act::Audit { author, act, subject, reason } => connection.execute(
+        Change::Audit { author, act, subject, reason } => connection.execute(
             "INSERT INTO audit (at, author, act, subject, reason) VALUES (?1, ?2, ?3, ?4, ?5)",
             params![now, author, act, subject, reason],
         )?,
     };
+    Ok(())
+}
+
+/// Writes the parts of a ruling that are not older than those in the file: another program may
+/// have written it meanwhile.
+fn write_ruling(
+    connection: &Connection,
+    now: i64,
+    subject: &Subject,
+    ruling: &Ruling,
+) -> Result<()> {
+    let text = subject.to_string();
+    let mut dates = connection.prepare_cached(
+        "SELECT role_at, muted_at, allowed_at, banned_at FROM rulings WHERE subject = ?1",
+    )?;
+    let read = |row: &Row<'_>| -> Result<[i64; 4]> {
+        Ok([row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?])
+    };
+    let before = dates.query_row([&text], read).optional()?.unwrap_or_default();
+    let Ruling { role, muted, allowed, banned } = ruling;
+    let at = [role.at, muted.at, allowed.at, banned.at].map(|at| at as i64);
+    let is_new = [0, 1, 2, 3].map(|part| at[part] > 0 && at[part] >= before[part]);
+    if let Subject::Key(key) = subject {
+        let values = [role.is.number(), i64::from(muted.is), i64::from(allowed.is)];
+        for ((column, value), is_new) in
+            ["role", "muted", "allowed"].into_iter().zip(values).zip(is_new)
+        {
+            // The columns are named here, and nowhere else.
+            let sql = format!(
+                "INSERT INTO visitors (key, seen, {column}) VALUES (?1, ?2, ?3)
+                 ON CONFLICT (key) DO UPDATE SET {column} = ?3"
+            );
+            if is_new {
+                connection.prepare_cached(&sql)?.execute(params![key.0, now, value])?;
+            }
+        }
+    }
+    match &banned.is {
+        _ if !is_new[3] => 0,
+        Some(reason) => connection.execute(
+            "INSERT OR REPLACE INTO bans (subject, reason, since) VALUES (?1, ?2, ?3)",
+            params![text, reason, (banned.at / 1_000) as i64],
+        )?,
+        None => connection.execute("DELETE FROM bans WHERE subject = ?1", [&text])?,
+    };
+    let [role, muted, allowed, banned] = [0, 1, 2, 3].map(|part| at[part].max(before[part]));
+    connection.execute(
+        "INSERT OR REPLACE INTO rulings (subject, role_at, muted_at, allowed_at, banned_at)
+         VALUES (?1, ?2, ?3, ?4, ?5)",
+        params![text, role, muted, allowed, banned],
+    )?;
     Ok(())
 }

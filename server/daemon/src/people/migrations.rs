@@ -3,7 +3,7 @@
 use rusqlite::{Connection, Result};
 
 /// Each step leads from the version of its number to the next. A released one never changes.
-const STEPS: [&str; 2] = [
+const STEPS: [&str; 3] = [
     "
 CREATE TABLE visitors (
     key BLOB PRIMARY KEY CHECK (length(key) = 10),
@@ -41,6 +41,16 @@ CREATE TABLE chat (
     text TEXT NOT NULL
 ) STRICT;
 CREATE INDEX chat_by_time ON chat (at);
+",
+    "
+-- When each part of a ruling was made, in milliseconds since 1970.
+CREATE TABLE rulings (
+    subject TEXT PRIMARY KEY,
+    role_at INTEGER NOT NULL,
+    muted_at INTEGER NOT NULL,
+    allowed_at INTEGER NOT NULL,
+    banned_at INTEGER NOT NULL
+) STRICT, WITHOUT ROWID;
 ",
 ];
 

@@ -12,13 +12,16 @@ mod invitation;
 mod migrations;
 mod records;
 mod role;
+mod ruling;
+#[cfg(feature = "bus")]
+mod sharing;
 mod standing;
 mod writer;
 
 use std::{
     net::IpAddr,
     path::Path,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError},
     thread::JoinHandle,
 };
 
@@ -27,6 +30,7 @@ use sightline_protocol::{
     fingerprint::KeyFingerprint,
     text::{ChatLine, Name},
 };
+use tokio::sync::mpsc;
 
 pub use access::{Access, AccessError};
 pub use changes::{Act, Subject, SubjectError};
@@ -34,9 +38,12 @@ pub use database::{Database, DatabaseError};
 pub use invitation::{NoRandomness, hash, new_invitation};
 pub use records::{AuditRecord, ChatRecord};
 pub use role::{Role, RoleError};
+#[cfg(feature = "bus")]
+pub(crate) use ruling::Ruling;
+pub(crate) use ruling::now_ms;
 pub use standing::Standing;
 
-use changes::{Note, Pending, Said};
+use changes::{Change, Note, Pending, Said};
 use standing::Standings;
 use writer::Signal;
 
@@ -54,6 +61,8 @@ struct Shared {
     signal: Signal,
     /// For how many days chat is kept; zero when it is not.
     chat_days: u32,
+    /// Who is told of whom something is ruled about here.
+    ruled: OnceLock<mpsc::UnboundedSender<Subject>>,
 }
 
 impl People {
@@ -71,7 +80,8 @@ impl People {
         let standings = Mutex::new(database.standings()?);
         let (database, pending) = (Mutex::new(database), Mutex::default());
         let signal = Signal::default();
-        let shared = Arc::new(Shared { database, standings, pending, signal, chat_days });
+        let ruled = OnceLock::new();
+        let shared = Arc::new(Shared { database, standings, pending, signal, chat_days, ruled });
         let writing = shared.clone();
         let writer = std::thread::Builder::new().name("people".into());
         let writer =
@@ -100,9 +110,11 @@ impl People {
         if !standings.use_invitation(&token) {
             return false;
         }
-        standings.apply(&Act::Allow(key));
+        let allowed = standings.act(&Act::Allow(key), now_ms());
         let mut pending = self.shared.pending();
-        pending.acts.extend([Act::UseInvitation(token), Act::Allow(key)]);
+        pending.changes.extend([Change::UseInvitation(token), allowed]);
+        drop((pending, standings));
+        self.shared.tell_ruled([Subject::Key(key)]);
         true
     }
 
@@ -145,16 +157,22 @@ impl People {
     pub fn act(&self, author: &str, act: Act, reason: &str) {
         // Whoever reads the standings anew must find the act in them or in what waits.
         let mut standings = self.shared.standings();
-        standings.apply(&act);
+        let change = standings.act(&act, now_ms());
+        let ruled = match &change {
+            Change::Rule(subject, _) => Some(*subject),
+            _ => None,
+        };
         let mut pending = self.shared.pending();
-        pending.acts.push(Act::audit(author, &act, reason));
-        pending.acts.push(act);
+        pending.changes.push(Change::audit(author, &act, reason));
+        pending.changes.push(change);
+        drop((pending, standings));
+        self.shared.tell_ruled(ruled);
     }
 
     /// Notes in the audit log what a moderator did that does not last.
     pub fn note_act(&self, author: &str, act: &str, subject: &str, reason: &str) {
         let [author, act, subject, reason] = [author, act, subject, reason].map(str::to_owned);
-        self.shared.pending().acts.push(Act::Audit { author, act, subject, reason });
+        self.shared.pending().changes.push(Change::Audit { author, act, subject, reason });
     }
 
     /// Writes all that waits. Nothing is written after that.
@@ -180,6 +198,16 @@ impl Shared {
 
     fn standings(&self) -> MutexGuard<'_, Standings> {
         self.standings.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells who follows that something was ruled here.
+    fn tell_ruled(&self, subjects: impl IntoIterator<Item = Subject>) {
+        if let Some(told) = self.ruled.get() {
+            // Who has ended need not be told.
+            for subject in subjects {
+                let _ = told.send(subject);
+            }
+        }
     }
 
     fn pending(&self) -> MutexGuard<'_, Pending> {

@@ -1,12 +1,13 @@
 //! How the server stands to people: the part of the database that is kept in memory.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 use sightline_protocol::fingerprint::KeyFingerprint;
 
 use super::{
-    changes::{Act, Subject},
+    changes::{Act, Change, Subject},
     role::Role,
+    ruling::Ruling,
 };
 
 /// How the server stands to somebody.
@@ -20,11 +21,10 @@ pub struct Standing {
     pub is_allowed: bool,
 }
 
-/// Everybody to whom the server stands in another way than to strangers.
+/// What was ruled about everybody about whom anything was, and the invitations.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Standings {
-    by_key: HashMap<KeyFingerprint, Standing>,
-    bans: HashSet<Subject>,
+    rulings: HashMap<Subject, Ruling>,
     /// How many each invitation still lets in, by its hash.
     invitations: HashMap<[u8; 32], u32>,
 }
@@ -32,21 +32,30 @@ pub struct Standings {
 impl Standings {
     /// How the server stands to the owner of a key.
     pub fn of(&self, key: KeyFingerprint) -> Standing {
-        self.by_key.get(&key).copied().unwrap_or_default()
+        self.rulings.get(&Subject::Key(key)).map(Ruling::standing).unwrap_or_default()
     }
 
     /// Whether somebody is kept out.
     pub fn is_banned(&self, subject: &Subject) -> bool {
-        self.bans.contains(subject)
+        self.rulings.get(subject).is_some_and(|ruling| ruling.banned.is.is_some())
     }
 
-    /// Takes in how the server stands to the owner of a key.
-    pub fn set(&mut self, key: KeyFingerprint, standing: Standing) {
-        if standing == Standing::default() {
-            self.by_key.remove(&key);
-        } else {
-            self.by_key.insert(key, standing);
-        }
+    /// What was ruled about somebody.
+    pub fn ruling(&self, subject: &Subject) -> Ruling {
+        self.rulings.get(subject).cloned().unwrap_or_default()
+    }
+
+    /// About whom something was ruled.
+    #[cfg(feature = "bus")]
+    pub fn ruled(&self) -> Vec<Subject> {
+        self.rulings.keys().copied().collect()
+    }
+
+    /// About whom something else was ruled than in others.
+    pub fn differing(&self, other: &Self) -> Vec<Subject> {
+        let differs =
+            |(subject, ruling): &(&Subject, &Ruling)| other.rulings.get(*subject) != Some(*ruling);
+        self.rulings.iter().filter(differs).map(|(subject, _)| *subject).collect()
     }
 
     /// Lets somebody in by an invitation. Returns whether it lets anybody in.
@@ -59,19 +68,24 @@ impl Standings {
         true
     }
 
-    /// Takes in something that lasts.
-    pub fn apply(&mut self, act: &Act) {
-        match act {
-            Act::SetRole(key, role) => self.set(*key, Standing { role: *role, ..self.of(*key) }),
-            Act::SetMuted(key, is_muted) => {
-                self.set(*key, Standing { is_muted: *is_muted, ..self.of(*key) });
+    /// Takes in what somebody does at a time, in milliseconds since 1970. Returns what changes.
+    pub fn act(&mut self, act: &Act, now: u64) -> Change {
+        let change = act.change(|subject| self.ruling(subject), now);
+        self.apply(&change);
+        change
+    }
+
+    /// Takes in a change.
+    pub fn apply(&mut self, change: &Change) {
+        match change {
+            Change::Rule(subject, ruling) => {
+                self.rulings.entry(*subject).or_default().merge(ruling)
             }
-            Act::Allow(key) => self.set(*key, Standing { is_allowed: true, ..self.of(*key) }),
-            Act::Ban(subject, _) => drop(self.bans.insert(*subject)),
-            Act::Unban(subject) => drop(self.bans.remove(subject)),
-            Act::Invite(token, uses) if *uses > 0 => drop(self.invitations.insert(*token, *uses)),
-            Act::UseInvitation(token) => drop(self.use_invitation(token)),
-            Act::Invite(..) | Act::Audit { .. } => {}
+            Change::Invite(token, uses) if *uses > 0 => {
+                self.invitations.insert(*token, *uses);
+            }
+            Change::UseInvitation(token) => drop(self.use_invitation(token)),
+            Change::Invite(..) | Change::Audit { .. } => {}
         }
     }
 }
@@ -84,8 +98,8 @@ mod tests {
     #[test]
     fn an_invitation_that_was_used_lets_in_one_fewer() {
         let mut standings = Standings::default();
-        standings.apply(&Act::Invite([1; 32], 2));
-        standings.apply(&Act::UseInvitation([1; 32]));
+        standings.apply(&Change::Invite([1; 32], 2));
+        standings.apply(&Change::UseInvitation([1; 32]));
         assert!(standings.use_invitation(&[1; 32]));
         assert!(!standings.use_invitation(&[1; 32]));
     }

@@ -120,6 +120,42 @@ fn what_another_program_writes_is_heard_of() {
     }
 }
 
+#[test]
+fn what_two_programs_rule_about_somebody_at_once_both_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let both = Standing { role: Role::Owner, is_muted: true, is_allowed: false };
+    let people = People::open(Some(folder.path()), 0).unwrap();
+    let mut other = Database::open(folder.path()).unwrap();
+    people.act("Mo", Act::SetMuted(ADA, true), "");
+    other.act("operator", Act::SetRole(ADA, Role::Owner), "").unwrap();
+    let end = Instant::now() + Duration::from_secs(10);
+    while people.standing(ADA) != both {
+        assert!(Instant::now() < end, "{:?}", people.standing(ADA));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    drop(people);
+    assert_eq!(People::open(Some(folder.path()), 0).unwrap().standing(ADA), both);
+}
+
+#[test]
+fn what_was_ruled_before_there_were_dates_still_counts_and_can_be_lifted() {
+    let folder = tempfile::tempdir().unwrap();
+    let people = People::open(Some(folder.path()), 0).unwrap();
+    people.act("Mo", Act::SetMuted(ADA, true), "");
+    people.act("Mo", Act::Ban(Subject::Key(BO), "rude".to_owned()), "rude");
+    drop(people);
+    let connection = rusqlite::Connection::open(folder.path().join("people.db")).unwrap();
+    connection.execute_batch("DROP TABLE rulings; PRAGMA user_version = 2").unwrap();
+    drop(connection);
+    let people = People::open(Some(folder.path()), 0).unwrap();
+    assert!(people.standing(ADA).is_muted && people.is_banned(BO, None));
+    people.act("Mo", Act::SetMuted(ADA, false), "");
+    people.act("Mo", Act::Unban(Subject::Key(BO)), "");
+    drop(people);
+    let people = People::open(Some(folder.path()), 0).unwrap();
+    assert!(!people.standing(ADA).is_muted && !people.is_banned(BO, None));
+}
+
 /// The standings are read anew at any time, and what waits is then taken in again.
 #[test]
 fn an_act_is_in_the_standings_only_when_it_waits_to_be_written() {

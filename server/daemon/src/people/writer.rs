@@ -88,8 +88,9 @@ fn follow(shared: &Shared, version: &mut i64) -> Result<()> {
         // Reading may take long, and every hello asks for the standings.
         let mut read = database.standings()?;
         let mut standings = shared.standings();
-        // What has not been written yet is newer.
-        shared.pending().acts.iter().for_each(|act| read.apply(act));
+        // What has not been written yet counts, too.
+        shared.pending().changes.iter().for_each(|change| read.apply(change));
+        shared.tell_ruled(read.differing(&standings));
         *standings = read;
         *version = now;
     }
