@@ -60,7 +60,8 @@ impl Nats {
     pub fn publish(&self, subject: &str, bytes: &[u8]) {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
         let hello = r#"CONNECT {"user":"ada","pass":"l@ve","verbose":false}"#;
-        write!(stream, "{hello}\r\nPUB {subject} {}\r\n", bytes.len()).unwrap();
+        // JetStream hears only of those who want an answer, though nobody waits for it here.
+        write!(stream, "{hello}\r\nPUB {subject} test.answer {}\r\n", bytes.len()).unwrap();
         stream.write_all(bytes).unwrap();
         stream.write_all(b"\r\nPING\r\n").unwrap();
         // What was sent is read once the answer to the ping is there.

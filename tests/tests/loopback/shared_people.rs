@@ -64,6 +64,19 @@ impl Station {
         matches!(self.join(options).await, Err(ConnectError::Refused(Refusal::Banned)))
     }
 
+    /// Somebody comes in. Returns the name that others see.
+    async fn name_of(&self, options: &ConnectOptions) -> (Session, String) {
+        let session = self.join(options).await.unwrap();
+        let visitors = self.server.moderation().visitors();
+        let own = visitors.into_iter().find(|visitor| visitor.key == key(options).to_string());
+        (session, own.unwrap().name)
+    }
+
+    fn names(&self) -> Vec<String> {
+        let visitors = self.server.moderation().visitors();
+        visitors.into_iter().map(|visitor| visitor.name).collect()
+    }
+
     fn rule(&self, act: &Act) {
         let moderation = self.server.moderation();
         match act {
@@ -172,4 +185,74 @@ async fn forget_and_lie(
     }
     assert!(a.refuses(bo).await);
     Station::start(nats, identity).await
+}
+
+/// How long the names of a dead station last in the bucket that the test makes.
+const NAMES_LAST: Duration = Duration::from_secs(3);
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_name_is_given_at_one_station_only_and_outlives_neither_it_nor_nats() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(nats) = Nats::start_keeping(folder.path()) else { return };
+    let bucket = format!(
+        r#"{{"name":"KV_sightline-names","subjects":["$KV.sightline-names.>"],"retention":"limits",
+        "storage":"memory","num_replicas":1,"max_msgs_per_subject":1,"max_age":{},"discard":"new",
+        "allow_rollup_hdrs":true,"deny_delete":true,"allow_direct":true}}"#,
+        NAMES_LAST.as_nanos()
+    );
+    nats.publish("$JS.API.STREAM.CREATE.KV_sightline-names", bucket.as_bytes());
+    let identity = Identity::generate().unwrap();
+    let (a, b) = tokio::join!(Station::start(&nats, &identity), Station::start(&nats, &identity));
+    let visitor = |name: &str| options(&a.server, name, WEST);
+    let [ada, namesake, alike, later] = ["Ada", "Ada", "\u{410}da", "Ada"].map(visitor);
+
+    let (ada_at_a, name) = a.name_of(&ada).await;
+    assert_eq!(name, "Ada");
+    let (_namesake, name) = b.name_of(&namesake).await;
+    assert_eq!(name, "Ada 2", "as at one station");
+    let (_alike, name) = b.name_of(&alike).await;
+    assert!(name != "Ada" && name.ends_with(char::is_numeric), "{name} looks alike");
+    let bo = [visitor("Bo"), visitor("Bo")];
+    let ((_one, one), (_other, other)) = tokio::join!(a.name_of(&bo[0]), b.name_of(&bo[1]));
+    let both: std::collections::BTreeSet<_> = [one.as_str(), other.as_str()].into();
+    assert_eq!(both, ["Bo", "Bo 2"].into(), "both come in at once");
+    ada_at_a.leave().await;
+    let name = name_at_last(&b, &later, "Ada").await;
+    println!("a name is free {} ms after its owner has left", name.as_millis());
+
+    let [cy, di, namesake] = ["Cy", "Di", "Di"].map(visitor);
+    let (cy_at_a, di_at_a) = (a.name_of(&cy).await.0, a.name_of(&di).await.0);
+    drop(a);
+    drop(di_at_a);
+    until("Cy is back by himself", || cy_at_a.is_present() && cy_at_a.stats().returns == 1).await;
+    assert!(b.names().contains(&"Cy".to_owned()), "he takes his name along: {:?}", b.names());
+    let (namesake_at_b, name) = b.name_of(&namesake).await;
+    assert_eq!(name, "Di 2", "Di may come yet");
+    namesake_at_b.leave().await;
+    let free = name_at_last(&b, &namesake, "Di").await;
+    println!("a name is free {} ms after its station died", free.as_millis());
+    assert!(free < 3 * NAMES_LAST, "{free:?}");
+    let began = Instant::now();
+    let _flo = b.name_of(&options(&b.server, "Flo", WEST)).await;
+    let usual = began.elapsed();
+    drop(nats);
+    let began = Instant::now();
+    let (_eve, name) = b.name_of(&options(&b.server, "Eve", WEST)).await;
+    assert_eq!(name, "Eve");
+    println!("in after {} ms, and {usual:?} with NATS", began.elapsed().as_millis());
+    assert!(began.elapsed() < usual + Duration::from_secs(3), "{:?}", began.elapsed());
+}
+
+/// Comes in again and again until the name is the one that is wanted. Returns after how long.
+async fn name_at_last(station: &Station, options: &ConnectOptions, wanted: &str) -> Duration {
+    let began = Instant::now();
+    loop {
+        let (session, name) = station.name_of(options).await;
+        if name == wanted {
+            return began.elapsed();
+        }
+        session.leave().await;
+        assert!(began.elapsed() < crate::PATIENCE, "{name} is not {wanted}");
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
 }

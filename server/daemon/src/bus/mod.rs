@@ -18,14 +18,17 @@
 //! those that serve the same world file.
 //!
 //! What is known of people is shared by all stations of the bus, whatever they serve
-//! (`shared_people`): a ban is of a person, not of a building.
+//! (`shared_people`): a ban is of a person, not of a building. So are names (`shared_names`).
 
 #[cfg(feature = "bus")]
 mod buckets;
 pub(crate) mod engine_end;
 mod lateness;
+pub(crate) mod name_claims;
 #[cfg(feature = "bus")]
 mod nats;
+#[cfg(feature = "bus")]
+mod shared_names;
 #[cfg(feature = "bus")]
 pub(crate) mod shared_people;
 
@@ -47,6 +50,9 @@ use crate::operate::BusCounters;
 #[cfg(feature = "bus")]
 use crate::people::People;
 use engine_end::EngineEnd;
+use name_claims::NameClaims;
+#[cfg(feature = "bus")]
+use shared_names::SharedNames;
 #[cfg(feature = "bus")]
 use shared_people::SharedPeople;
 
@@ -111,6 +117,7 @@ pub(crate) struct BusLink {
     station: StationId,
     outgoing: mpsc::Sender<Outgoing>,
     addresses: watch::Receiver<Vec<StationAddress>>,
+    names: NameClaims,
     counters: Arc<BusCounters>,
     #[cfg(feature = "bus")]
     client: async_nats::Client,
@@ -163,9 +170,17 @@ impl Bus {
         let (told, addresses) = watch::channel(Vec::new());
         let (station, client, connections) =
             (joined.station(), joined.client(), joined.connections());
-        let tasks = vec![tokio::spawn(joined.run(to_send, heard, told, counters.clone()))];
+        let (names, asked) = NameClaims::new();
+        let word = joined.random_word();
+        let shared =
+            SharedNames::new(joined.client(), joined.connections(), asked, word, counters.clone());
+        let tasks = vec![
+            tokio::spawn(joined.run(to_send, heard, told, counters.clone())),
+            tokio::spawn(shared.run()),
+        ];
         let end = EngineEnd::new(station, outgoing.clone(), incoming, counters.clone());
-        let link = BusLink { station, outgoing, addresses, counters, client, connections, tasks };
+        let link =
+            BusLink { station, outgoing, addresses, names, counters, client, connections, tasks };
         Ok(Self { end, link })
     }
 
@@ -199,6 +214,11 @@ impl BusLink {
     /// Where visitors reach other stations.
     pub fn addresses(&self) -> watch::Receiver<Vec<StationAddress>> {
         self.addresses.clone()
+    }
+
+    /// What claims names at all stations.
+    pub fn names(&self) -> NameClaims {
+        self.names.clone()
     }
 
     /// Shares bans, mutes and roles with other stations from now on. Visitors whom they ban are

@@ -155,6 +155,11 @@ impl Nats {
         self.client.clone()
     }
 
+    /// A word that no other station has drawn.
+    pub(super) fn random_word(&self) -> u64 {
+        self.number.nonce
+    }
+
     /// Changes whenever NATS is reached.
     pub(super) fn connections(&self) -> watch::Receiver<u32> {
         self.connections.clone()

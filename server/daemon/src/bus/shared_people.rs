@@ -149,8 +149,8 @@ impl SharedPeople {
         if is_connected && self.told.as_ref() != Some(&error) {
             tracing::warn!(
                 %error,
-                "bans, mutes and roles are not shared with other stations: this one goes on with \
-                 its own"
+                "bans, mutes, roles and names are not shared with other stations: this one goes on \
+                 with its own"
             );
             self.told = Some(error);
         }

@@ -59,7 +59,8 @@ pub struct ServeArgs {
     #[arg(long, num_args = 2, value_names = ["CERT.pem", "KEY.pem"])]
     tls: Option<Vec<PathBuf>>,
     /// Share the building with other servers, over a NATS server: their visitors meet. All serve the
-    /// same world file. They share bans, mutes and roles if NATS has JetStream (nats-server -js).
+    /// same world file. They share bans, mutes, roles and names if NATS has JetStream
+    /// (nats-server -js).
     #[arg(long, value_name = "nats://HOST:PORT")]
     bus: Option<String>,
     /// A file of NATS credentials for the bus.

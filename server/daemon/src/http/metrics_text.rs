@@ -145,6 +145,9 @@ fn bus(rows: &mut Rows, counters: &BusCounters) {
     rows.gauge("bus_rulings", help, now.rulings as f64);
     let results = counters.rulings_by_result().map(|(what, n)| (vec![("result", what)], n as f64));
     rows.counters("bus_rulings_shared", "Rulings on the bus, by result", results.to_vec());
+    let results = counters.names_by_result().map(|(what, n)| (vec![("result", what)], n as f64));
+    let help = "Names that were asked for at all stations, by result";
+    rows.counters("bus_names", help, results.to_vec());
 }
 
 fn present(rows: &mut Rows, overview: &Overview) {

@@ -9,6 +9,8 @@ use super::{
     admission::{ConnectionId, NoPlace},
     client::{ConnectedClient, Hello, Visit},
     engine_task::EngineEvent,
+    kept_name::KeptName,
+    names::forms_of,
     session::SessionEnd,
     state::{Registry, ServerState},
     transport::{CloseCode, Transport},
@@ -52,7 +54,13 @@ pub async fn admit(state: &ServerState, arrival: Arrival) -> Result<Arc<Connecte
         return Err(Refusal::NoKey);
     };
     check_access(state, key, &arrival)?;
-    let Admitted { client, before } = let_in(state, key, arrival)?;
+    // Who is here already has a name.
+    let is_here = state.registry().visitors.get(key).is_some();
+    let mut name = match is_here {
+        true => None,
+        false => Some(KeptName::find(state, key, &arrival.hello.name).await),
+    };
+    let Admitted { client, before } = let_in(state, key, arrival, name.as_mut())?;
     if let Some(client) = before {
         let (noted, is_noted) = oneshot::channel();
         state.tell_engine(EngineEvent::Absent { client, noted: Some(noted) }).await;
@@ -97,7 +105,12 @@ fn check_ban(state: &ServerState, key: KeyFingerprint, address: IpAddr) -> Resul
     Ok(())
 }
 
-fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<Admitted, Refusal> {
+fn let_in(
+    state: &ServerState,
+    key: KeyFingerprint,
+    arrival: Arrival,
+    kept: Option<&mut KeptName>,
+) -> Result<Admitted, Refusal> {
     let Arrival { id, transport, hello } = arrival;
     let address = transport.remote_address().ip();
     let mut registry = state.registry();
@@ -128,7 +141,20 @@ fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<
                 }
             }
             let avatar = registry.ids.draw();
-            let name = registry.names.claim(avatar, &hello.name);
+            let name = match kept.and_then(KeptName::take) {
+                Some(name) => {
+                    registry.names.give(avatar, &name);
+                    name
+                }
+                // It was here a moment ago.
+                None => {
+                    let name = registry.names.claim(avatar, &hello.name);
+                    if let Some(claims) = registry.names.claims() {
+                        claims.claim_given(forms_of(&name), key);
+                    }
+                    name
+                }
+            };
             Arc::new(Visit::new(key, avatar, name, hello.colour))
         }
     };

@@ -25,6 +25,7 @@ mod endpoint;
 mod engine_faults;
 mod engine_task;
 mod entrance;
+mod kept_name;
 mod kept_pieces;
 mod load;
 mod log_limits;
@@ -207,7 +208,6 @@ impl Server {
         let (events, received) = mpsc::channel(config.limits.events_max);
         let (close, closing) = watch::channel(false);
         let (end, link) = bus.map(|bus| (bus.end, bus.link)).unzip();
-        let station = link.as_ref().map(BusLink::station);
         let metrics = Arc::new(Metrics::new(link.as_ref().map(BusLink::counters)));
         let offers = Arc::new(Offers::default());
         let load = Arc::new(Load::new(config.limits.entering_max));
@@ -223,7 +223,7 @@ impl Server {
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
         let engine = tokio::task::spawn_blocking(move || task.run(received, &stopped));
-        let registry = Arc::new(Mutex::new(Registry::new(&config, station)));
+        let registry = Arc::new(Mutex::new(Registry::new(&config, link.as_ref())));
         let state = Arc::new(ServerState {
             config,
             offers,

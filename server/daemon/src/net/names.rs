@@ -12,6 +12,8 @@ use sightline_protocol::{
 use sightline_world::motion::AvatarId;
 use unicode_security::skeleton;
 
+use crate::bus::name_claims::NameClaims;
+
 /// Names that people take for the server's own. Nobody has one that looks like one of these.
 const RESERVED: [&str; 10] = [
     "Admin",
@@ -38,14 +40,44 @@ type Forms = [String; 2];
 #[derive(Debug, Default)]
 pub struct Names {
     owned: HashMap<AvatarId, Forms>,
-    /// The forms of all names.
+    /// The forms of all names, and of those that are kept for somebody.
     forms: HashSet<String>,
+    /// What claims names at other stations, too.
+    claims: Option<NameClaims>,
 }
 
 impl Names {
+    /// Names that are claimed at other stations, too.
+    pub fn at_all_stations(claims: Option<NameClaims>) -> Self {
+        Self { claims, ..Self::default() }
+    }
+
+    /// What claims names at other stations, too.
+    pub fn claims(&self) -> Option<&NameClaims> {
+        self.claims.as_ref()
+    }
+
     /// The name that a client has from now on: the one that it wants, or that one with a number if
     /// somebody has one that looks alike.
     pub fn claim(&mut self, avatar: AvatarId, wanted: &Name) -> Name {
+        let name = self.keep(wanted, &[]);
+        self.give(avatar, &name);
+        name
+    }
+
+    /// Gives a client a name that was kept for it.
+    pub fn give(&mut self, avatar: AvatarId, kept: &Name) {
+        self.owned.insert(avatar, forms(kept.as_str()));
+    }
+
+    /// Lets go of a name that was kept for somebody.
+    pub fn drop_kept(&mut self, kept: &Name) {
+        self.let_go(forms(kept.as_str()));
+    }
+
+    /// Keeps a name for a client that wants one: the same, or that one with a number if somebody
+    /// has one that looks alike. Those that others are known to have are not tried.
+    pub fn keep(&mut self, wanted: &Name, taken: &[Name]) -> Name {
         let is_reserved = begins_with_fingerprint(wanted.as_str())
             || RESERVED.iter().any(|name| look_alike(&forms(name), &forms(wanted.as_str())));
         let base = if is_reserved { VISITOR } else { wanted.as_str() };
@@ -54,18 +86,27 @@ impl Names {
         let mut candidates = std::iter::once(Name::clipped(base))
             .chain(numbers.map(|number| numbered(base, number)));
         // There are more numbers than clients.
-        let is_free = |name: &Name| forms(name.as_str()).iter().all(|f| !self.forms.contains(f));
+        let is_free = |name: &Name| {
+            !taken.contains(name) && forms(name.as_str()).iter().all(|f| !self.forms.contains(f))
+        };
         let name = candidates.find(is_free).unwrap_or_else(|| Name::clipped(VISITOR));
-        let forms = forms(name.as_str());
-        self.forms.extend(forms.iter().cloned());
-        self.owned.insert(avatar, forms);
+        self.forms.extend(forms(name.as_str()));
         name
     }
 
     /// Takes in that a client has gone.
     pub fn release(&mut self, avatar: AvatarId) {
-        for form in self.owned.remove(&avatar).into_iter().flatten() {
-            self.forms.remove(&form);
+        if let Some(forms) = self.owned.remove(&avatar) {
+            self.let_go(forms);
+        }
+    }
+
+    fn let_go(&mut self, forms: Forms) {
+        for form in &forms {
+            self.forms.remove(form);
+        }
+        if let Some(claims) = &self.claims {
+            claims.release(distinct(forms));
         }
     }
 }
@@ -93,6 +134,17 @@ fn begins_with_fingerprint(name: &str) -> bool {
     };
     let looks: String = skeleton(word).filter(char::is_ascii).map(digit).collect();
     is_one(word) || is_one(&looks)
+}
+
+/// What a name looks like, for other stations.
+pub fn forms_of(name: &Name) -> Vec<String> {
+    distinct(forms(name.as_str()))
+}
+
+fn distinct(forms: Forms) -> Vec<String> {
+    let mut forms = forms.to_vec();
+    forms.dedup();
+    forms
 }
 
 /// What a name looks like, as it is written and in small letters: a great I looks like an l, and a

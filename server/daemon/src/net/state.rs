@@ -7,7 +7,6 @@ use std::{
     time::{Duration, Instant},
 };
 
-use sightline_engine::StationId;
 use sightline_world::motion::AvatarId;
 use tokio::{
     sync::{mpsc, oneshot, watch},
@@ -28,6 +27,7 @@ use super::{
     visitors::Visitors,
 };
 use crate::{
+    bus::BusLink,
     operate::{Metrics, Reason},
     people::People,
 };
@@ -68,7 +68,7 @@ pub struct Registry {
 
 impl Registry {
     /// The registry of a server, or of a station, without connections.
-    pub fn new(config: &ServeConfig, station: Option<StationId>) -> Self {
+    pub fn new(config: &ServeConfig, bus: Option<&BusLink>) -> Self {
         let limits = PlaceLimits {
             per_network: config.clients_per_address_max,
             joining_per_network: config.limits.joining_per_address_max,
@@ -79,8 +79,8 @@ impl Registry {
             clients: HashMap::new(),
             visitors: Visitors::default(),
             places: Places::new(limits),
-            ids: AvatarIds::new(config.connections_max(), station),
-            names: Names::default(),
+            ids: AvatarIds::new(config.connections_max(), bus.map(BusLink::station)),
+            names: Names::at_all_stations(bus.map(BusLink::names)),
             log: LogLimits::new(config.limits.log_lines_per_s, config.limits.log_networks_max),
             connections: 0,
         }

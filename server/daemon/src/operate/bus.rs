@@ -48,6 +48,8 @@ pub(crate) struct BusCounters {
     rulings_out: AtomicU64,
     rulings_again: AtomicU64,
     rulings_broken: AtomicU64,
+    names_claimed: AtomicU64,
+    names_taken: AtomicU64,
 }
 
 /// What happened to a ruling on the bus.
@@ -153,6 +155,18 @@ impl BusCounters {
     /// Counts a ruling on the bus.
     pub(crate) fn count_ruling(&self, what: BusRuling) {
         self.ruling_counter(what).fetch_add(1, Relaxed);
+    }
+
+    /// Counts a name that was claimed at all stations: whether another station's visitor has it.
+    pub(crate) fn count_name(&self, is_taken: bool) {
+        let counter = if is_taken { &self.names_taken } else { &self.names_claimed };
+        counter.fetch_add(1, Relaxed);
+    }
+
+    /// How many names were claimed at all stations, by what came of it.
+    pub(crate) fn names_by_result(&self) -> [(&'static str, u64); 2] {
+        [("claimed", &self.names_claimed), ("taken", &self.names_taken)]
+            .map(|(name, counter)| (name, counter.load(Relaxed)))
     }
 
     /// How many rulings there were on the bus, by what happened to them.

@@ -1,0 +1,386 @@
+//! Names of visitors, each at one station only.
+//!
+//! A bucket of NATS has a key for each form of each name that a visitor has, and the value says
+//! whose it is. A station creates it when the visitor comes in, which fails if it is there; renews
+//! it, since values lapse; and removes it when the visitor leaves. What a dead station had lapses. A
+//! visitor that comes from another station takes its name along: its key is in the value.
+
+use std::{
+    collections::HashMap,
+    panic::AssertUnwindSafe,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+
+use async_nats::{
+    Client, HeaderMap,
+    connection::State,
+    jetstream::{
+        kv::{Config, Operation, Store, UpdateErrorKind},
+        stream::StorageType,
+    },
+};
+use bytes::Bytes;
+use futures_util::{FutureExt, StreamExt, stream};
+use serde::{Deserialize, Serialize};
+use sightline_protocol::fingerprint::KeyFingerprint;
+use tokio::{
+    sync::{mpsc, watch},
+    time::{MissedTickBehavior, interval, sleep},
+};
+
+use super::{
+    buckets::{self, BucketError},
+    name_claims::{NameAnswer, NameRequest},
+};
+use crate::operate::BusCounters;
+
+/// The name of the bucket.
+const BUCKET: &str = "sightline-names";
+/// The most bytes of a value.
+const VALUE_MAX: usize = 256;
+/// The most bytes of all values together.
+const BUCKET_MAX: i64 = 64 * 1_024 * 1_024;
+/// After this time the names of a dead station are free. Each is renewed three times within it.
+const LASTS: Duration = Duration::from_secs(30);
+/// The least time that names of a bucket which somebody else has made may last.
+const LASTS_MIN: Duration = Duration::from_secs(1);
+/// How many names are claimed or renewed at once.
+const AT_ONCE: usize = 64;
+/// How often a name is tried again when others change it.
+const ATTEMPTS_MAX: u32 = 4;
+/// How long to wait after NATS has refused something, or had no JetStream.
+const RETRY: Duration = Duration::from_secs(2);
+
+/// Shares names with other stations.
+pub(super) struct SharedNames {
+    client: Client,
+    /// Changes whenever NATS is reached.
+    connections: watch::Receiver<u32>,
+    requests: mpsc::Receiver<NameRequest>,
+    names: Arc<Names>,
+    /// Why nothing was shared, as it was told last.
+    told: Option<BucketError>,
+}
+
+/// The names that this station's visitors have.
+struct Names {
+    /// Drawn at random, to tell this station from all others.
+    station: u64,
+    counters: Arc<BusCounters>,
+    held: Mutex<HashMap<String, Held>>,
+}
+
+/// A form of a name that one of this station's visitors has.
+#[derive(Clone, Copy, Debug)]
+struct Held {
+    owner: KeyFingerprint,
+    /// The revision of the value that says so; `None` while another station's does not.
+    revision: Option<u64>,
+}
+
+/// Whose a name is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Value {
+    /// The fingerprint of the visitor's key.
+    key: String,
+    /// The station, as the random word that it drew.
+    station: u64,
+}
+
+/// What became of a form.
+enum Outcome {
+    Ours(u64),
+    Taken,
+}
+
+impl SharedNames {
+    /// Shares the names of a station that has drawn a random word.
+    pub(super) fn new(
+        client: Client,
+        connections: watch::Receiver<u32>,
+        requests: mpsc::Receiver<NameRequest>,
+        station: u64,
+        counters: Arc<BusCounters>,
+    ) -> Self {
+        let names = Arc::new(Names { station, counters, held: Mutex::default() });
+        Self { client, connections, requests, names, told: None }
+    }
+
+    /// Shares until the server ends.
+    pub(super) async fn run(mut self) {
+        loop {
+            self.connections.mark_unchanged();
+            let sharing = AssertUnwindSafe(self.share()).catch_unwind().await;
+            match sharing {
+                Ok(Ok(())) => return,
+                Ok(Err(error)) => self.tell(error),
+                Err(_) => self.tell(BucketError::failed("a fault of this program")),
+            }
+            if !self.wait().await {
+                return;
+            }
+        }
+    }
+
+    /// Tells why nothing is shared, once.
+    fn tell(&mut self, error: BucketError) {
+        // That there is no JetStream, or no bus, is told already.
+        let is_there = self.client.connection_state() == State::Connected;
+        let is_told = error == BucketError::NoJetStream || self.told.as_ref() == Some(&error);
+        if is_there && !is_told {
+            tracing::warn!(%error, "names are not shared with other stations");
+            self.told = Some(error);
+        }
+    }
+
+    /// Answers that nothing is known, until it is time to try again. Returns whether the server
+    /// goes on.
+    async fn wait(&mut self) -> bool {
+        let mut pause = std::pin::pin!(sleep(RETRY));
+        loop {
+            tokio::select! {
+                () = &mut pause => return true,
+                changed = self.connections.changed() => return changed.is_ok(),
+                request = self.requests.recv() => match request {
+                    Some(request) => self.names.note(request),
+                    None => return false,
+                },
+            }
+        }
+    }
+
+    /// Claims and renews names, until NATS is lost or the server ends.
+    async fn share(&mut self) -> Result<(), BucketError> {
+        let config = Config {
+            bucket: BUCKET.to_owned(),
+            description: "names of visitors of Sightline".to_owned(),
+            max_value_size: VALUE_MAX as i32,
+            max_bytes: BUCKET_MAX,
+            max_age: LASTS,
+            history: 1,
+            storage: StorageType::Memory,
+            ..Config::default()
+        };
+        let store = buckets::open(&self.client, config).await?;
+        self.told = None;
+        let lasts = Some(store.stream.cached_info().config.max_age).filter(|age| !age.is_zero());
+        let mut renewals = interval(lasts.unwrap_or(LASTS).max(LASTS_MIN) / 3);
+        renewals.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut tasks = tokio::task::JoinSet::new();
+        loop {
+            tokio::select! {
+                request = self.requests.recv() => {
+                    let Some(request) = request else { return Ok(()) };
+                    let is_there = self.client.connection_state() == State::Connected;
+                    if !is_there || tasks.len() >= AT_ONCE {
+                        self.names.note(request);
+                        continue;
+                    }
+                    match request {
+                        NameRequest::Claim { forms, key, reply } => {
+                            self.names.hold(&forms, key);
+                            let (store, names) = (store.clone(), self.names.clone());
+                            tasks.spawn(async move {
+                                let answer = names.claim_all(&store, &forms).await;
+                                // Who asked may have lost patience.
+                                let _ = reply.send(answer);
+                            });
+                        }
+                        NameRequest::Release { forms } => {
+                            for (form, revision) in self.names.release(&forms) {
+                                self.remove(&store, &form, revision).await?;
+                            }
+                        }
+                    }
+                }
+                _ = renewals.tick() => {
+                    let (store, names) = (store.clone(), self.names.clone());
+                    tasks.spawn(async move { names.renew(&store).await });
+                }
+                Some(_) = tasks.join_next() => {}
+                changed = self.connections.changed() => return match changed {
+                    Ok(()) => Err(BucketError::Failed("the bus was lost".to_owned())),
+                    Err(_) => Ok(()),
+                },
+            }
+        }
+    }
+
+    /// Removes a value, unless another station has written it since. It is on its way before
+    /// anything that is asked later.
+    async fn remove(&self, store: &Store, form: &str, revision: u64) -> Result<(), BucketError> {
+        let mut headers = HeaderMap::new();
+        headers.insert("KV-Operation", "DEL");
+        headers.insert("Nats-Expected-Last-Subject-Sequence", revision.to_string());
+        let subject = format!("{}{form}", store.prefix);
+        let sent = self.client.publish_with_headers(subject, headers, Bytes::new()).await;
+        sent.map_err(BucketError::failed)
+    }
+}
+
+impl Names {
+    fn held(&self) -> MutexGuard<'_, HashMap<String, Held>> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes in a request while the bus is not there. What is given now is claimed later.
+    fn note(&self, request: NameRequest) {
+        match request {
+            NameRequest::Claim { forms, key, reply } => {
+                self.hold(&forms, key);
+                // Who asked may have lost patience.
+                let _ = reply.send(NameAnswer::Unknown);
+            }
+            NameRequest::Release { forms } => drop(self.release(&forms)),
+        }
+    }
+
+    fn hold(&self, forms: &[String], owner: KeyFingerprint) {
+        let mut held = self.held();
+        for form in forms {
+            held.insert(key_of(form), Held { owner, revision: None });
+        }
+    }
+
+    /// Lets names go. Returns the keys that are to be removed, with their revisions.
+    fn release(&self, forms: &[String]) -> Vec<(String, u64)> {
+        let mut held = self.held();
+        let released = forms.iter().map(|form| key_of(form)).filter_map(|key| {
+            let revision = held.remove(&key)?.revision?;
+            Some((key, revision))
+        });
+        released.collect()
+    }
+
+    /// Claims all forms of a name, or none.
+    async fn claim_all(&self, store: &Store, forms: &[String]) -> NameAnswer {
+        let answer = self.claim_each(store, forms).await;
+        self.counters.count_name(answer == NameAnswer::Taken);
+        answer
+    }
+
+    async fn claim_each(&self, store: &Store, forms: &[String]) -> NameAnswer {
+        for form in forms {
+            match self.claim(store, &key_of(form)).await {
+                Ok(true) => {}
+                Ok(false) => {
+                    for (key, revision) in self.release(forms) {
+                        // What is not removed lapses.
+                        let _ = store.delete_expect_revision(key, Some(revision)).await;
+                    }
+                    return NameAnswer::Taken;
+                }
+                Err(error) => {
+                    tracing::debug!(%error, "a name is not claimed");
+                    return NameAnswer::Unknown;
+                }
+            }
+        }
+        NameAnswer::Ours
+    }
+
+    /// Claims or renews a key that one of this station's visitors has. Returns whether it is ours.
+    async fn claim(&self, store: &Store, key: &str) -> Result<bool, BucketError> {
+        let Some(before) = self.held().get(key).copied() else { return Ok(true) };
+        let outcome = self.write(store, key, before).await?;
+        if let Outcome::Ours(revision) = outcome
+            && !self.note_revision(key, before.owner, Some(revision))
+        {
+            // Its owner has left meanwhile. What is not removed lapses.
+            let _ = store.delete_expect_revision(key, Some(revision)).await;
+        }
+        if let Outcome::Taken = outcome {
+            self.note_revision(key, before.owner, None);
+            return Ok(false);
+        }
+        Ok(true)
+    }
+
+    /// Notes the revision of a key that a visitor has. Returns whether it still has it.
+    fn note_revision(&self, key: &str, owner: KeyFingerprint, revision: Option<u64>) -> bool {
+        let mut held = self.held();
+        let Some(now) = held.get_mut(key).filter(|now| now.owner == owner) else { return false };
+        now.revision = revision;
+        true
+    }
+
+    /// Writes that a visitor of this station has a name, unless another one's visitor does.
+    async fn write(&self, store: &Store, key: &str, held: Held) -> Result<Outcome, BucketError> {
+        let own = Value { key: held.owner.to_string(), station: self.station };
+        let value: Bytes = serde_json::to_vec(&own).map_err(BucketError::failed)?.into();
+        let mut revision = held.revision.unwrap_or_default();
+        for _ in 0..ATTEMPTS_MAX {
+            match store.update(key, value.clone(), revision).await {
+                Ok(revision) => return Ok(Outcome::Ours(revision)),
+                Err(error) if error.kind() == UpdateErrorKind::WrongLastRevision => {}
+                Err(error) => return Err(BucketError::failed(error)),
+            }
+            match store.entry(key).await.map_err(BucketError::failed)? {
+                None => revision = 0,
+                Some(there) if may_replace(there.operation, &there.value, &own, held.revision) => {
+                    revision = there.revision;
+                }
+                Some(_) => return Ok(Outcome::Taken),
+            }
+        }
+        Ok(Outcome::Taken)
+    }
+
+    /// Renews all names, and claims those that were given without the bus.
+    async fn renew(&self, store: &Store) {
+        let keys: Vec<String> = self.held().keys().cloned().collect();
+        let renew = |key: String| async move { self.claim(store, &key).await.map(drop) };
+        let failed = stream::iter(keys).map(renew).buffer_unordered(AT_ONCE);
+        let failed = failed.filter_map(|renewed| std::future::ready(renewed.err()));
+        if let Some(error) = std::pin::pin!(failed).next().await {
+            tracing::debug!(%error, "names are not renewed");
+        }
+    }
+}
+
+/// Whether a value may be replaced: it is gone, this station's own, which gives each name once, or
+/// the same visitor's, who has just come from another station.
+fn may_replace(operation: Operation, value: &[u8], own: &Value, renewed: Option<u64>) -> bool {
+    if operation != Operation::Put {
+        return true;
+    }
+    let there = Some(value).filter(|value| value.len() <= VALUE_MAX);
+    let there = there.and_then(|value| serde_json::from_slice::<Value>(value).ok());
+    // A visitor that has gone on to another station keeps its name there.
+    there.is_some_and(|there| {
+        there.station == own.station || (there.key == own.key && renewed.is_none())
+    })
+}
+
+/// The key of a form of a name.
+fn key_of(form: &str) -> String {
+    let hash = blake3::hash(form.as_bytes()).to_hex();
+    hash.chars().take(32).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{
+        Operation::{Delete, Put},
+        *,
+    };
+
+    #[test]
+    fn a_name_is_left_to_the_visitor_of_another_station() {
+        let value =
+            |key: u8, station| Value { key: KeyFingerprint([key; 10]).to_string(), station };
+        let own = value(1, 7);
+        let may =
+            |operation, value: Vec<u8>, renewed| may_replace(operation, &value, &own, renewed);
+        let bytes = |value: &Value| serde_json::to_vec(value).unwrap();
+        let (mine, anothers, moved) = (value(2, 7), value(2, 8), value(1, 8));
+        assert!(may(Put, bytes(&own), Some(2)) && may(Put, bytes(&mine), None));
+        assert!(!may(Put, bytes(&anothers), None) && may(Delete, bytes(&anothers), None));
+        assert!(may(Put, bytes(&moved), None), "it comes from another station");
+        assert!(!may(Put, bytes(&moved), Some(2)), "it has gone on to another station");
+        for noise in [&b""[..], b"{", b"null", &[b'x'; 999]] {
+            assert!(!may(Put, noise.to_vec(), None));
+        }
+    }
+}
