@@ -2,20 +2,21 @@
 
 use std::{net::SocketAddr, time::Duration};
 
+use glam::Vec3;
 use sightline_client::net::{ConnectError, ConnectOptions, Dialer, Session};
 use sightline_protocol::{fingerprint::KeyFingerprint, message::Refusal};
 use sightline_server::{
     bus::{Bus, BusOptions},
-    net::{Author, Identity, Server},
+    net::{Author, Identity, ServeConfig, Server},
     people::{Act, Role, Standing, Subject},
 };
 use tokio::time::Instant;
 
 use crate::{
-    building::{self, WEST},
+    building::{self, WAY, WEST},
     config,
     nats::Nats,
-    options, until,
+    options, until, walk,
 };
 
 /// Within which time a visitor who is banned at one station is out of another one. It takes some
@@ -32,9 +33,13 @@ struct Station {
 
 impl Station {
     async fn start(nats: &Nats, identity: &Identity) -> Self {
+        Self::start_with(nats, identity, config()).await
+    }
+
+    async fn start_with(nats: &Nats, identity: &Identity, config: ServeConfig) -> Self {
         let bus = BusOptions { url: nats.url(), credentials: None };
         let bus = Bus::connect(&bus).await.unwrap();
-        let server = Server::listen_on_bus(config(), identity, bus).unwrap();
+        let server = Server::listen_on_bus(config, identity, bus).unwrap();
         let changer = server.world_changer();
         let changed = tokio::task::spawn_blocking(move || changer.change(building::world()));
         changed.await.unwrap().unwrap();
@@ -255,4 +260,39 @@ async fn name_at_last(station: &Station, options: &ConnectOptions, wanted: &str)
         assert!(began.elapsed() < crate::PATIENCE, "{name} is not {wanted}");
         tokio::time::sleep(Duration::from_millis(100)).await;
     }
+}
+
+/// How long a station that dies may not have said where somebody is.
+const PLACES_WITHIN: Duration = Duration::from_secs(6);
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_visitor_goes_on_at_another_station_where_it_was_at_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(nats) = Nats::start_keeping(folder.path()) else { return };
+    let identity = Identity::generate().unwrap();
+    let start = || {
+        let config = ServeConfig { free_entry: false, ..config() };
+        Station::start_with(&nats, &identity, config)
+    };
+    let (a, b) = tokio::join!(start(), start());
+    let ada = options(&a.server, "Ada", WEST);
+    let aside = WEST + 2.0 * Vec3::X;
+    for (station, from, to) in [(&b, WEST, aside), (&a, aside, WAY[1]), (&b, WAY[1], aside)] {
+        let session = station.join(&ada).await.unwrap();
+        let eye = session.pose().eye;
+        assert!(eye.distance(from) < 0.4, "{eye} in place of {from}");
+        walk(&session, to).await;
+        // What was noted a second ago is older than what is noted now.
+        tokio::time::sleep(Duration::from_millis(1_100)).await;
+        session.leave().await;
+        tokio::time::sleep(Duration::from_millis(200)).await;
+    }
+
+    let bo_at_a = a.join(&options(&a.server, "Bo", WEST)).await.unwrap();
+    walk(&bo_at_a, WAY[1]).await;
+    tokio::time::sleep(PLACES_WITHIN).await;
+    drop(a);
+    until("Bo is back by himself", || bo_at_a.is_present() && bo_at_a.stats().returns == 1).await;
+    let eye = bo_at_a.pose().eye;
+    assert!(eye.distance(WAY[1]) < 0.4, "{eye}");
 }

@@ -18,7 +18,8 @@
 //! those that serve the same world file.
 //!
 //! What is known of people is shared by all stations of the bus, whatever they serve
-//! (`shared_people`): a ban is of a person, not of a building. So are names (`shared_names`).
+//! (`shared_people`): a ban is of a person, not of a building. So are names (`shared_names`) and last
+//! places (`shared_places`).
 
 #[cfg(feature = "bus")]
 mod buckets;
@@ -27,10 +28,13 @@ mod lateness;
 pub(crate) mod name_claims;
 #[cfg(feature = "bus")]
 mod nats;
+pub(crate) mod place_shares;
 #[cfg(feature = "bus")]
 mod shared_names;
 #[cfg(feature = "bus")]
 pub(crate) mod shared_people;
+#[cfg(feature = "bus")]
+mod shared_places;
 
 use std::{
     path::PathBuf,
@@ -51,10 +55,13 @@ use crate::operate::BusCounters;
 use crate::people::People;
 use engine_end::EngineEnd;
 use name_claims::NameClaims;
+use place_shares::PlaceShares;
 #[cfg(feature = "bus")]
 use shared_names::SharedNames;
 #[cfg(feature = "bus")]
 use shared_people::SharedPeople;
+#[cfg(feature = "bus")]
+use shared_places::SharedPlaces;
 
 /// The greatest number of a station on a bus; the least is 1.
 pub const STATIONS_MAX: u32 = 127;
@@ -118,6 +125,7 @@ pub(crate) struct BusLink {
     outgoing: mpsc::Sender<Outgoing>,
     addresses: watch::Receiver<Vec<StationAddress>>,
     names: NameClaims,
+    places: PlaceShares,
     counters: Arc<BusCounters>,
     #[cfg(feature = "bus")]
     client: async_nats::Client,
@@ -172,15 +180,27 @@ impl Bus {
             (joined.station(), joined.client(), joined.connections());
         let (names, asked) = NameClaims::new();
         let word = joined.random_word();
-        let shared =
+        let shared_names =
             SharedNames::new(joined.client(), joined.connections(), asked, word, counters.clone());
+        let (places, asked) = PlaceShares::new();
+        let shared_places = SharedPlaces::new(joined.client(), joined.connections(), asked);
         let tasks = vec![
             tokio::spawn(joined.run(to_send, heard, told, counters.clone())),
-            tokio::spawn(shared.run()),
+            tokio::spawn(shared_names.run()),
+            tokio::spawn(shared_places.run()),
         ];
         let end = EngineEnd::new(station, outgoing.clone(), incoming, counters.clone());
-        let link =
-            BusLink { station, outgoing, addresses, names, counters, client, connections, tasks };
+        let link = BusLink {
+            station,
+            outgoing,
+            addresses,
+            names,
+            places,
+            counters,
+            client,
+            connections,
+            tasks,
+        };
         Ok(Self { end, link })
     }
 
@@ -219,6 +239,11 @@ impl BusLink {
     /// What claims names at all stations.
     pub fn names(&self) -> NameClaims {
         self.names.clone()
+    }
+
+    /// What shares last places with other stations.
+    pub fn places(&self) -> PlaceShares {
+        self.places.clone()
     }
 
     /// Shares bans, mutes and roles with other stations from now on. Visitors whom they ban are

@@ -212,7 +212,7 @@ impl Server {
         let offers = Arc::new(Offers::default());
         let load = Arc::new(Load::new(config.limits.entering_max));
         let (told, counted) = (load.clone(), metrics.clone());
-        let places = PlaceNotes::new(people.clone());
+        let places = PlaceNotes::new(people.clone(), link.as_ref().map(BusLink::places));
         let mut task =
             EngineTask::new(&config, offers.clone(), started, told, counted, places, end);
         if let Some(world) = world {
@@ -224,6 +224,7 @@ impl Server {
         let stopped = stop.clone();
         let engine = tokio::task::spawn_blocking(move || task.run(received, &stopped));
         let registry = Arc::new(Mutex::new(Registry::new(&config, link.as_ref())));
+        let places = link.as_ref().map(BusLink::places);
         let state = Arc::new(ServerState {
             config,
             offers,
@@ -231,6 +232,7 @@ impl Server {
             started,
             registry,
             people,
+            places,
             handshakes: AtomicUsize::new(0),
             closing,
             load,

@@ -12,7 +12,7 @@ use sightline_protocol::fingerprint::KeyFingerprint;
 use sightline_world::motion::AvatarId;
 
 use super::client::ConnectedClient;
-use crate::people::People;
+use crate::{bus::place_shares::PlaceShares, people::People};
 
 /// How often places are noted. Together with the time until they are written it is below a second.
 const INTERVAL: Duration = Duration::from_millis(500);
@@ -22,6 +22,8 @@ const MOVED_M: f32 = 0.1;
 /// Notes where visitors are.
 pub struct PlaceNotes {
     people: Arc<People>,
+    /// Shares places with other stations, if there are any.
+    shares: Option<PlaceShares>,
     /// The title of the world.
     building: Arc<str>,
     /// The place of each visitor that was noted last.
@@ -31,9 +33,10 @@ pub struct PlaceNotes {
 }
 
 impl PlaceNotes {
-    /// Notes places for these people.
-    pub fn new(people: Arc<People>) -> Self {
-        Self { people, building: "".into(), noted: HashMap::new(), due: Duration::ZERO }
+    /// Notes places for these people, and for other stations.
+    pub fn new(people: Arc<People>, shares: Option<PlaceShares>) -> Self {
+        let (building, noted, due) = ("".into(), HashMap::new(), Duration::ZERO);
+        Self { people, shares, building, noted, due }
     }
 
     /// Visitors are in another building from now on.
@@ -56,16 +59,26 @@ impl PlaceNotes {
         let places = clients.values().filter_map(|client| self.moved(engine, client));
         let places: Vec<_> = places.collect();
         if !places.is_empty() {
-            self.people.note_places(&self.building, &places);
+            self.note(&places);
         }
     }
 
     /// Notes where a leaving visitor is, if it has moved.
     pub fn note_last(&mut self, engine: &Engine, client: &ConnectedClient) {
         if let Some(place) = self.moved(engine, client) {
-            self.people.note_places(&self.building, &[place]);
+            self.note(&[place]);
+        }
+        if let Some(shares) = &self.shares {
+            shares.note_left(client.visit.key);
         }
         self.noted.remove(&client.avatar());
+    }
+
+    fn note(&self, places: &[(KeyFingerprint, Vec3)]) {
+        self.people.note_places(&self.building, places);
+        if let Some(shares) = &self.shares {
+            shares.note(&self.building, places);
+        }
     }
 
     /// Where a visitor is by its course, if it has moved.

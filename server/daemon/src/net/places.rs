@@ -1,6 +1,7 @@
 //! Where visitors begin, and room for a body near a place.
 
 use glam::Vec3;
+use sightline_protocol::fingerprint::KeyFingerprint;
 use sightline_world::{World, tolerance::WIRE_POSE_M};
 
 use super::{
@@ -31,15 +32,28 @@ pub async fn place_in(
     if state.config.free_entry && asked.is_some() {
         return asked;
     }
-    // It may have been here before the server was started.
-    let (people, key, title) = (state.people.clone(), visit.key, world.title.clone());
-    let last = tokio::task::spawn_blocking(move || people.place(key, &title)).await;
-    if let Some(eye) = last.ok().flatten() {
+    if let Some(eye) = last_place(state, visit.key, &world.title).await {
         return room_near(world, FormerPlace::last(eye).going_on(asked));
     }
     let is_spawn =
         |asked: &Vec3| world.spawns.iter().any(|spawn| spawn.eye.distance(*asked) <= WIRE_POSE_M);
     asked.filter(is_spawn)
+}
+
+/// Where a visitor was before this server was started, or at another station, whichever was later.
+async fn last_place(state: &ServerState, key: KeyFingerprint, title: &str) -> Option<Vec3> {
+    let (people, own_title) = (state.people.clone(), title.to_owned());
+    let here = tokio::task::spawn_blocking(move || people.last_place(key, &own_title)).await;
+    let here = here.ok().flatten();
+    let there = match &state.places {
+        Some(places) => places.last(key, title).await,
+        None => None,
+    };
+    match (here, there) {
+        (Some((_, noted_s)), Some(there)) if there.at_s > noted_s => Some(there.eye),
+        (Some((eye, _)), _) => Some(eye),
+        (None, there) => there.map(|there| there.eye),
+    }
 }
 
 /// The place nearest to another one at which a body has room; `None` when there is none near by.

@@ -27,7 +27,7 @@ use super::{
     visitors::Visitors,
 };
 use crate::{
-    bus::BusLink,
+    bus::{BusLink, place_shares::PlaceShares},
     operate::{Metrics, Reason},
     people::People,
 };
@@ -45,6 +45,8 @@ pub struct ServerState {
     pub started: Instant,
     pub registry: Arc<Mutex<Registry>>,
     pub people: Arc<People>,
+    /// What shares last places with other stations, if there are any.
+    pub places: Option<PlaceShares>,
     /// How many connections are in their handshake.
     pub handshakes: AtomicUsize,
     /// Becomes true when the server closes.

@@ -162,16 +162,17 @@ impl Database {
         Ok(standings)
     }
 
-    /// The title of the building in which a visitor was last, and where.
-    pub(super) fn place(&self, key: KeyFingerprint) -> Result<Option<(String, Vec3)>> {
+    /// The title of the building in which a visitor was last, where, and when that was noted, in
+    /// seconds since 1970.
+    pub(super) fn place(&self, key: KeyFingerprint) -> Result<Option<(String, Vec3, i64)>> {
         let mut statement = self.connection.prepare_cached(
-            "SELECT building, x, y, z FROM visitors WHERE key = ?1 AND building IS NOT NULL",
+            "SELECT building, x, y, z, placed FROM visitors WHERE key = ?1 AND building IS NOT NULL",
         )?;
         let place = statement.query_row([key.0], |row| {
             let axis = |i| row.get::<_, f64>(i).map(|coordinate| coordinate as f32);
-            Ok((row.get(0)?, Vec3::new(axis(1)?, axis(2)?, axis(3)?)))
+            Ok((row.get(0)?, Vec3::new(axis(1)?, axis(2)?, axis(3)?), row.get(4)?))
         });
-        Ok(place.optional()?.filter(|(_, eye): &(String, Vec3)| eye.is_finite()))
+        Ok(place.optional()?.filter(|(_, eye, _): &(String, Vec3, i64)| eye.is_finite()))
     }
 
     /// Writes all that waits, or nothing.
@@ -236,7 +237,7 @@ impl Database {
 }
 
 /// The time since 1970, in seconds.
-fn unix_time() -> i64 {
+pub(super) fn unix_time() -> i64 {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     since.as_secs() as i64
 }
@@ -250,13 +251,14 @@ fn subject(text: &str) -> Option<Subject> {
 
 fn write_note(connection: &Connection, now: i64, key: KeyFingerprint, note: &Note) -> Result<()> {
     let mut statement = connection.prepare_cached(
-        "INSERT INTO visitors (key, name, seen, building, x, y, z)
-         VALUES (?1, coalesce(?2, ''), ?3, ?4, ?5, ?6, ?7)
+        "INSERT INTO visitors (key, name, seen, building, x, y, z, placed)
+         VALUES (?1, coalesce(?2, ''), ?3, ?4, ?5, ?6, ?7, iif(?4 IS NULL, 0, ?3))
          ON CONFLICT (key) DO UPDATE SET
              seen = excluded.seen,
              name = coalesce(?2, name),
              building = coalesce(?4, building),
-             x = coalesce(?5, x), y = coalesce(?6, y), z = coalesce(?7, z)",
+             x = coalesce(?5, x), y = coalesce(?6, y), z = coalesce(?7, z),
+             placed = iif(?4 IS NULL, placed, ?3)",
     )?;
     let building = note.place.as_ref().map(|(building, _)| &**building);
     let [x, y, z] = [0, 1, 2].map(|axis| note.place.as_ref().map(|(_, eye)| f64::from(eye[axis])));

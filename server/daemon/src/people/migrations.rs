@@ -3,7 +3,7 @@
 use rusqlite::{Connection, Result};
 
 /// Each step leads from the version of its number to the next. A released one never changes.
-const STEPS: [&str; 3] = [
+const STEPS: [&str; 4] = [
     "
 CREATE TABLE visitors (
     key BLOB PRIMARY KEY CHECK (length(key) = 10),
@@ -51,6 +51,10 @@ CREATE TABLE rulings (
     allowed_at INTEGER NOT NULL,
     banned_at INTEGER NOT NULL
 ) STRICT, WITHOUT ROWID;
+",
+    "
+-- When the place was noted; zero if that was before there was this column.
+ALTER TABLE visitors ADD COLUMN placed INTEGER NOT NULL DEFAULT 0;
 ",
 ];
 

@@ -44,6 +44,7 @@ pub(crate) use ruling::now_ms;
 pub use standing::Standing;
 
 use changes::{Change, Note, Pending, Said};
+use database::unix_time;
 use standing::Standings;
 use writer::Signal;
 
@@ -139,10 +140,11 @@ impl People {
         }
     }
 
-    /// Where a visitor was last in a building of this title. Reads the file.
-    pub fn place(&self, key: KeyFingerprint, building: &str) -> Option<Vec3> {
+    /// Where a visitor was last in a building of this title, and when that was noted, in seconds
+    /// since 1970. Reads the file.
+    pub fn last_place(&self, key: KeyFingerprint, building: &str) -> Option<(Vec3, i64)> {
         let noted = self.shared.pending().noted(key).and_then(|note: &Note| note.place.clone());
-        let noted = noted.map(|(title, eye)| (title.to_string(), eye));
+        let noted = noted.map(|(title, eye)| (title.to_string(), eye, unix_time()));
         let place = noted.or_else(|| {
             let read = self.shared.database().place(key);
             read.unwrap_or_else(|error| {
@@ -150,7 +152,7 @@ impl People {
                 None
             })
         });
-        place.filter(|(title, _)| title == building).map(|(_, eye)| eye)
+        place.filter(|(title, ..)| title == building).map(|(_, eye, noted_s)| (eye, noted_s))
     }
 
     /// Does something that lasts, and notes in the audit log who did it and why.
