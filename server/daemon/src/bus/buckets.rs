@@ -14,6 +14,10 @@ use async_nats::{
 
 /// How long JetStream may take to answer.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(3);
+/// How long to wait after NATS has refused something, or had no JetStream: this long at first, and
+/// twice as long each time, up to the longest.
+const RETRY_FIRST: Duration = Duration::from_secs(2);
+const RETRY_MAX: Duration = Duration::from_secs(120);
 
 /// Why nothing is kept on the bus.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -24,6 +28,28 @@ pub(super) enum BucketError {
     /// NATS does not answer, or refuses.
     #[error("{0}")]
     Failed(String),
+}
+
+/// The pauses between attempts to use a bucket. They begin anew when one succeeds, and with each
+/// connection to NATS.
+#[derive(Debug, Default)]
+pub(super) struct Pauses {
+    /// How many attempts have failed.
+    failures: u32,
+    /// The number of the connection that they were made on.
+    connection: u32,
+}
+
+impl Pauses {
+    /// The pause after an attempt that has failed on a connection.
+    pub(super) fn next(&mut self, connection: u32) -> Duration {
+        if connection != self.connection {
+            *self = Self { failures: 0, connection };
+        }
+        let pause = RETRY_FIRST.saturating_mul(1 << self.failures.min(16));
+        self.failures += 1;
+        pause.min(RETRY_MAX)
+    }
 }
 
 impl BucketError {
@@ -47,6 +73,10 @@ pub(super) async fn open(client: &Client, config: Config) -> Result<Store, Bucke
         return Err(match error.kind() {
             AccountErrorKind::JetStreamUnavailable | AccountErrorKind::JetStream(_) => {
                 BucketError::NoJetStream
+            }
+            AccountErrorKind::TimedOut => {
+                let why = "JetStream does not answer; may this user publish to $JS.API.> ?";
+                BucketError::Failed(why.to_owned())
             }
             _ => BucketError::failed(error),
         });
@@ -72,4 +102,17 @@ pub(super) fn is_removal(headers: Option<&HeaderMap>) -> bool {
         None => headers.get("Nats-Marker-Reason").is_none(),
     };
     headers.is_some_and(|headers| !is_put(headers))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_grow_until_nats_is_reached_again() {
+        let mut pauses = Pauses::default();
+        let seconds: Vec<u64> = (0..9).map(|_| pauses.next(1).as_secs()).collect();
+        assert_eq!(seconds, [2, 4, 8, 16, 32, 64, 120, 120, 120]);
+        assert_eq!([2, 2, 3].map(|connection| pauses.next(connection).as_secs()), [2, 4, 2]);
+    }
 }

@@ -1,7 +1,7 @@
 //! The task that has the other end of the bus: a connection to NATS.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     hash::{BuildHasher, RandomState},
     sync::Arc,
     time::{Duration, Instant},
@@ -45,6 +45,8 @@ const PARCEL_LASTS: Duration = Duration::from_millis(500);
 const ADDRESS_INTERVAL: Duration = Duration::from_secs(1);
 /// How many changes of the connection may wait to be taken in. They are logged.
 const EVENTS_MAX: usize = 64;
+/// How many different refusals of NATS are told.
+const REFUSALS_MAX: usize = 64;
 
 /// A station's connection to NATS, and its number there.
 pub(super) struct Nats {
@@ -97,6 +99,8 @@ struct Task {
     addresses: watch::Sender<Vec<StationAddress>>,
     incoming: mpsc::Sender<Arrived>,
     counters: Arc<BusCounters>,
+    /// What NATS refuses, as far as it was told.
+    refusals: BTreeSet<String>,
 }
 
 impl Nats {
@@ -183,6 +187,7 @@ impl Nats {
             addresses,
             incoming,
             counters,
+            refusals: BTreeSet::new(),
         };
         let mut subscriptions = None;
         let mut ticks = interval(ADDRESS_INTERVAL);
@@ -352,7 +357,17 @@ impl Task {
         }
     }
 
-    async fn note(&self, event: Option<Event>) {
+    /// NATS refuses something. Each refusal is told once.
+    fn note_refusal(&mut self, error: &str) {
+        let is_new = self.refusals.len() < REFUSALS_MAX && self.refusals.insert(error.to_owned());
+        if is_new {
+            tracing::warn!(error, "the bus refuses something");
+        } else {
+            tracing::debug!(error, "the bus refuses something");
+        }
+    }
+
+    async fn note(&mut self, event: Option<Event>) {
         match event {
             Some(Event::Connected) => {
                 if self.counters.set_lost(false) {
@@ -361,7 +376,7 @@ impl Task {
                 self.say_taken().await;
             }
             Some(Event::Disconnected) => self.lose(),
-            Some(Event::ServerError(error)) => tracing::warn!(%error, "the bus refuses something"),
+            Some(Event::ServerError(error)) => self.note_refusal(&error.to_string()),
             Some(event) => tracing::debug!(%event, "the bus"),
             None => {}
         }

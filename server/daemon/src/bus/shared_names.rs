@@ -30,7 +30,7 @@ use tokio::{
 };
 
 use super::{
-    buckets::{self, BucketError},
+    buckets::{self, BucketError, Pauses},
     name_claims::{NameAnswer, NameRequest},
 };
 use crate::operate::BusCounters;
@@ -49,8 +49,6 @@ const LASTS_MIN: Duration = Duration::from_secs(1);
 const AT_ONCE: usize = 64;
 /// How often a name is tried again when others change it.
 const ATTEMPTS_MAX: u32 = 4;
-/// How long to wait after NATS has refused something, or had no JetStream.
-const RETRY: Duration = Duration::from_secs(2);
 
 /// Shares names with other stations.
 pub(super) struct SharedNames {
@@ -59,6 +57,7 @@ pub(super) struct SharedNames {
     connections: watch::Receiver<u32>,
     requests: mpsc::Receiver<NameRequest>,
     names: Arc<Names>,
+    pauses: Pauses,
     /// Why nothing was shared, as it was told last.
     told: Option<BucketError>,
 }
@@ -104,20 +103,20 @@ impl SharedNames {
         counters: Arc<BusCounters>,
     ) -> Self {
         let names = Arc::new(Names { station, counters, held: Mutex::default() });
-        Self { client, connections, requests, names, told: None }
+        Self { client, connections, requests, names, pauses: Pauses::default(), told: None }
     }
 
     /// Shares until the server ends.
     pub(super) async fn run(mut self) {
         loop {
-            self.connections.mark_unchanged();
+            let connection = *self.connections.borrow_and_update();
             let sharing = AssertUnwindSafe(self.share()).catch_unwind().await;
             match sharing {
                 Ok(Ok(())) => return,
                 Ok(Err(error)) => self.tell(error),
                 Err(_) => self.tell(BucketError::failed("a fault of this program")),
             }
-            if !self.wait().await {
+            if *self.connections.borrow() == connection && !self.wait().await {
                 return;
             }
         }
@@ -137,7 +136,8 @@ impl SharedNames {
     /// Answers that nothing is known, until it is time to try again. Returns whether the server
     /// goes on.
     async fn wait(&mut self) -> bool {
-        let mut pause = std::pin::pin!(sleep(RETRY));
+        let connection = *self.connections.borrow();
+        let mut pause = std::pin::pin!(sleep(self.pauses.next(connection)));
         loop {
             tokio::select! {
                 () = &mut pause => return true,
@@ -164,6 +164,7 @@ impl SharedNames {
         };
         let store = buckets::open(&self.client, config).await?;
         self.told = None;
+        self.pauses = Pauses::default();
         let lasts = Some(store.stream.cached_info().config.max_age).filter(|age| !age.is_zero());
         let mut renewals = interval(lasts.unwrap_or(LASTS).max(LASTS_MIN) / 3);
         renewals.set_missed_tick_behavior(MissedTickBehavior::Delay);

@@ -31,7 +31,7 @@ use tokio::{
     time::{Instant, sleep, sleep_until, timeout},
 };
 
-use super::buckets::{self, BucketError};
+use super::buckets::{self, BucketError, Pauses};
 use crate::{
     operate::{BusCounters, BusRuling},
     people::{People, Ruling, Subject, now_ms},
@@ -51,7 +51,7 @@ const AHEAD_MAX: Duration = Duration::from_secs(86_400);
 const READ_PATIENCE: Duration = Duration::from_secs(5);
 /// How often a ruling is merged and written again when others were quicker.
 const ATTEMPTS_MAX: u32 = 16;
-/// How long to wait after NATS has refused something, or had no JetStream.
+/// How long to wait after NATS has refused a ruling.
 const RETRY: Duration = Duration::from_secs(2);
 /// How long to wait when too much is to be written to the disk.
 const BEHIND_PAUSE: Duration = Duration::from_millis(100);
@@ -80,6 +80,7 @@ pub(super) struct SharedPeople {
     /// Why nothing was shared, as it was told last.
     told: Option<BucketError>,
     complain_at: Instant,
+    pauses: Pauses,
 }
 
 /// What NATS has of a subject.
@@ -112,6 +113,7 @@ impl SharedPeople {
             unshared,
             told,
             complain_at,
+            pauses: Pauses::default(),
         })
     }
 
@@ -133,8 +135,9 @@ impl SharedPeople {
                 Ok(Err(error)) => error,
                 Err(_) => BucketError::failed("a fault of this program"),
             });
+            let pause = self.pauses.next(*connections.borrow());
             tokio::select! {
-                () = sleep(RETRY) => {}
+                () = sleep(pause) => {}
                 changed = connections.changed() => if changed.is_err() {
                     return;
                 },
@@ -169,6 +172,7 @@ impl SharedPeople {
         let store = buckets::open(&self.client, config).await?;
         let mut messages = self.read_all(&store).await?;
         self.told = None;
+        self.pauses = Pauses::default();
         tracing::info!(
             rulings = self.held.len(),
             "bans, mutes and roles are shared with other stations"

@@ -25,7 +25,7 @@ use tokio::{
 };
 
 use super::{
-    buckets::{self, BucketError},
+    buckets::{self, BucketError, Pauses},
     place_shares::{PlaceRequest, SharedPlace},
 };
 use crate::people::now_ms;
@@ -44,8 +44,6 @@ const INTERVAL: Duration = Duration::from_secs(5);
 const MOVED_MAX: usize = 16_384;
 /// How many visitors may be asked about at once.
 const AT_ONCE: usize = 64;
-/// How long to wait after NATS has refused something, or had no JetStream.
-const RETRY: Duration = Duration::from_secs(2);
 
 /// Shares places with other stations.
 pub(super) struct SharedPlaces {
@@ -55,6 +53,7 @@ pub(super) struct SharedPlaces {
     requests: mpsc::Receiver<PlaceRequest>,
     /// Where those are who have moved since that was written.
     moved: HashMap<KeyFingerprint, (Arc<str>, Vec3)>,
+    pauses: Pauses,
 }
 
 /// Where a visitor was.
@@ -74,20 +73,23 @@ impl SharedPlaces {
         connections: watch::Receiver<u32>,
         requests: mpsc::Receiver<PlaceRequest>,
     ) -> Self {
-        Self { client, connections, requests, moved: HashMap::new() }
+        Self { client, connections, requests, moved: HashMap::new(), pauses: Pauses::default() }
     }
 
     /// Shares until the server ends.
     pub(super) async fn run(mut self) {
         loop {
-            self.connections.mark_unchanged();
+            let connection = *self.connections.borrow_and_update();
             match AssertUnwindSafe(self.share()).catch_unwind().await {
                 Ok(Ok(())) => return,
                 // Others tell what is wrong with the bus.
                 Ok(Err(error)) => tracing::debug!(%error, "places are not shared"),
                 Err(_) => tracing::error!("a fault of this program: places are not shared"),
             }
-            let mut pause = std::pin::pin!(sleep(RETRY));
+            if *self.connections.borrow() != connection {
+                continue;
+            }
+            let mut pause = std::pin::pin!(sleep(self.pauses.next(connection)));
             loop {
                 tokio::select! {
                     () = &mut pause => break,
@@ -121,6 +123,7 @@ impl SharedPlaces {
             ..Config::default()
         };
         let store = buckets::open(&self.client, config).await?;
+        self.pauses = Pauses::default();
         let mut turns = interval(INTERVAL);
         turns.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut asking = JoinSet::new();

@@ -153,7 +153,7 @@ impl<'a> StatusFigures<'a> {
             );
             let [messages_in, bytes_in, messages_out, bytes_out] = self.bus_rates;
             let people = match bus.is_sharing {
-                true => format!("bans, mutes and roles are shared, of {} in all", bus.rulings),
+                true => format!("bans, mutes and roles of {} are shared", bus.rulings),
                 false => "nothing is shared at present: see the log".to_owned(),
             };
             row("people", people);
@@ -318,7 +318,7 @@ mod tests {
         assert!(text.contains("3 stations") && text.contains("40 messages/s"), "{text}");
         assert!(text.contains("nothing is shared"), "{text}");
         now.bus = Some(BusStats { is_sharing: true, rulings: 7, ..BusStats::default() });
-        assert!(StatusFigures::new(&now, None).whole().contains("shared, of 7"));
+        assert!(StatusFigures::new(&now, None).whole().contains("roles of 7 are shared"));
         now.bus = Some(BusStats::default());
         assert!(StatusFigures::new(&now, None).whole().contains("lost"));
     }

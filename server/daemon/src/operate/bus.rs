@@ -213,8 +213,9 @@ impl BusCounters {
         };
         let [messages_out, bytes_out] = sum(&self.sent);
         let [messages_in, bytes_in] = sum(&self.received);
+        let is_connected = !self.is_lost.load(Relaxed);
         BusStats {
-            is_connected: !self.is_lost.load(Relaxed),
+            is_connected,
             stations: self.stations.load(Relaxed),
             cut: self.cut.load(Relaxed),
             guests: self.guests.load(Relaxed),
@@ -227,7 +228,7 @@ impl BusCounters {
             messages_in,
             bytes_in,
             dropped: self.dropped_by_reason().map(|(_, count)| count).sum(),
-            is_sharing: self.is_sharing.load(Relaxed),
+            is_sharing: is_connected && self.is_sharing.load(Relaxed),
             rulings: self.rulings.load(Relaxed),
         }
     }
