@@ -65,9 +65,9 @@ fn seeds_that_once_broke_a_promise_keep_all() {
 
 #[test]
 fn any_number_of_threads_gives_the_same_outputs() {
-    let pool = BuildingPool::new(4, &|| ());
+    let pool = BuildingPool::new(2, &|| ());
     // One budget is enough for all sight tests, the other leaves most of them out.
-    for (seed, sight_test_budget) in (0..4).zip([300_000, 5_000].into_iter().cycle()) {
+    for (seed, sight_test_budget) in (0..).zip([300_000, 5_000]) {
         let one = outputs_by_tick(seed, &pool, 70, 1, sight_test_budget, 0);
         let told: usize = one.iter().map(Vec::len).sum();
         assert!(told > 5_000, "seed {seed}: too few outputs: {told}");

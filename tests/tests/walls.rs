@@ -129,7 +129,7 @@ fn nobody_is_accused_in_random_buildings() {
     for (number, world) in offices.into_iter().chain(houses).enumerate() {
         let navigation = Navigation::new(&world);
         let random = &mut SmallRng::seed_from_u64(number as u64);
-        for turn in 0..3 {
+        for turn in 0..2 {
             let eye = navigation.random(random).expect("there is a floor");
             far_m.push(walk(&world, eye, random, &format!("building {number}, walk {turn}")));
         }
@@ -147,7 +147,7 @@ fn nobody_is_accused_who_was_put_where_its_body_does_not_fit() {
         let world = SimulatedBuilding::new(seed).world;
         let (navigation, sight) = (Navigation::new(&world), Oracle::new(&world.mesh));
         let random = &mut SmallRng::seed_from_u64(seed);
-        for turn in 0..30 {
+        for turn in 0..20 {
             let free = navigation.random(random).expect("there is a floor");
             let mut part = || random.random_range(-0.7..0.7);
             let eye = free + Vec3::new(part(), part(), part());
@@ -159,7 +159,7 @@ fn nobody_is_accused_who_was_put_where_its_body_does_not_fit() {
             }
         }
     }
-    assert!(far_m.len() > 20, "only {} walks", far_m.len());
+    assert!(far_m.len() > 12, "only {} walks", far_m.len());
     assert!(far_m.iter().all(|far_m| *far_m > 0.3), "somebody is stuck: {far_m:?}");
 }
 
@@ -233,8 +233,8 @@ fn creeps_through(world: &Arc<World>, ThinWall { near, far }: &ThinWall) -> bool
 #[test]
 fn cheats_do_not_get_through_walls() {
     let world = building();
-    let walls = walls(&world, 60);
-    assert_eq!(walls.len(), 60);
+    let walls = walls(&world, 30);
+    assert_eq!(walls.len(), 30);
     let jumped = walls.par_iter().filter(|wall| jumps_through(&world, wall)).count();
     let crept = walls.par_iter().filter(|wall| creeps_through(&world, wall)).count();
     assert_eq!((jumped, crept), (0, 0), "avatars that jumped and crept through walls");

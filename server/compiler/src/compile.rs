@@ -5,10 +5,9 @@ use std::{collections::HashMap, ops::ControlFlow};
 use glam::Vec3;
 use sightline_oracle::Oracle;
 use sightline_world::{
-    Cells, Mesh, World,
+    Cells, Mesh, Pvs, World,
     geometry::{Aabb, Axes},
     light::BakedLight,
-    rooms::Rooms,
 };
 
 use crate::{
@@ -19,9 +18,9 @@ use crate::{
     occluders,
     octree_statistics::OctreeStatistics,
     progress::{ProgressRelay, Stage, StageTimer},
-    pvs,
+    pvs::{self, SpacesSeen},
     report::CompileReport,
-    rooms::{self, RoomError, RoomErrors, RoomScope},
+    rooms::{self, RoomScope},
     spawn::{self, SpawnPoints},
     subdivide::{self, CellGrain, CellSize, Spaces, SubdivisionInput},
     voxelise,
@@ -109,9 +108,14 @@ pub fn compile(
     })?;
     relay.begin(Stage::Cells)?;
     let spaces = timer.time(Stage::Cells, || spaces(model, axes, &carved));
-    let cells = timer.time(Stage::Pvs, || cells_with_pvs(&spaces, options, &relay))?;
+    let (mut cells, seen) = timer.time(Stage::Pvs, || cells(&spaces, options, &relay))?;
+    // Faults in what the author wrote are told before the long work.
+    let scope = RoomScope { cells: &cells, movers: &model.movers, nodes: &model.nodes };
+    let rooms = rooms::resolve(&model.rooms, &scope)?;
+    cells.pvs = timer.time(Stage::Pvs, || pvs(&cells, &seen, &relay))?;
     let mesh = mesh(&model.opaque);
-    let (rooms, room_warnings) = resolved_rooms(model, &cells, &mesh)?;
+    let room_warnings =
+        rooms::checks::warnings(&model.rooms, &rooms, &cells, &|| Oracle::new(&mesh));
     let method = if model.is_lit || is_quick { LightMethod::None } else { options.light };
     let (light, baked, light_figures) = match method {
         LightMethod::None => (None, None, None),
@@ -211,17 +215,16 @@ fn own_bounds(model: &Model, axes: &Axes) -> Aabb {
     Aabb::new(bounds.min - MARGIN, bounds.max + MARGIN)
 }
 
-/// Splits spaces into cells and finds the PVS.
-fn cells_with_pvs(
+/// Splits spaces into cells, which have no PVS yet. Also returns which spaces see each other.
+fn cells(
     spaces: &Spaces,
     options: &CompileOptions,
     relay: &ProgressRelay<'_>,
-) -> Result<Cells, CompileError> {
-    let report = |share: f32| relay.report(Stage::Pvs, share);
+) -> Result<(Cells, SpacesSeen), CompileError> {
     let whole = subdivide::cells(spaces, CellGrain::Whole);
-    let seen = pvs::spaces_seen(&whole, &|share| report(share * 0.1));
+    let seen = pvs::spaces_seen(&whole, &|share| relay.report(Stage::Pvs, share * 0.1));
     let seen = seen.ok_or(CompileError::Cancelled)?;
-    let mut cells = match options.cell {
+    let cells = match options.cell {
         Some(width) => {
             let size = CellSize::of_width(width);
             if pvs::pairs_at(&size, &whole.spaces, &seen) > PAIRS_MAX {
@@ -238,9 +241,15 @@ fn cells_with_pvs(
             subdivide::cells(spaces, CellGrain::EvenExcept(size, &see_all))
         }
     };
-    let pvs = pvs::potentially_visible(&cells, &seen, &|share| report(0.2 + share * 0.8));
-    cells.pvs = pvs.ok_or(CompileError::Cancelled)?;
-    if report(1.0).is_break() { Err(CompileError::Cancelled) } else { Ok(cells) }
+    Ok((cells, seen))
+}
+
+/// Finds the PVS of cells.
+fn pvs(cells: &Cells, seen: &SpacesSeen, relay: &ProgressRelay<'_>) -> Result<Pvs, CompileError> {
+    let report = |share: f32| relay.report(Stage::Pvs, share);
+    let pvs = pvs::potentially_visible(cells, seen, &|share| report(0.2 + share * 0.8));
+    let pvs = pvs.ok_or(CompileError::Cancelled)?;
+    if report(1.0).is_break() { Err(CompileError::Cancelled) } else { Ok(pvs) }
 }
 
 /// The opaque triangles as a mesh that stores equal corners once.
@@ -256,18 +265,6 @@ fn mesh(opaque: &[[Vec3; 3]]) -> Mesh {
         }));
     }
     mesh
-}
-
-/// Resolves the rooms that the model declares, and warns of what was probably not meant.
-fn resolved_rooms(
-    model: &Model,
-    cells: &Cells,
-    mesh: &Mesh,
-) -> Result<(Rooms, Vec<RoomError>), RoomErrors> {
-    let scope = RoomScope { cells, movers: &model.movers, nodes: &model.nodes };
-    let rooms = rooms::resolve(&model.rooms, &scope)?;
-    let warnings = rooms::checks::warnings(&model.rooms, &rooms, cells, &|| Oracle::new(mesh));
-    Ok((rooms, warnings))
 }
 
 /// Ambient light on the surfaces.

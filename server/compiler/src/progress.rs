@@ -80,14 +80,21 @@ pub(crate) struct StageTimer {
 }
 
 impl StageTimer {
-    /// Runs a stage and notes its times.
+    /// Runs a stage, or a part of the last one, and notes its times.
     pub(crate) fn time<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
         let (start, cpu_start) = (Instant::now(), ProcessTime::try_now());
         let done = work();
-        self.seconds.push((stage, start.elapsed().as_secs_f64()));
+        add(&mut self.seconds, stage, start.elapsed().as_secs_f64());
         if let (Ok(start), Ok(end)) = (cpu_start, ProcessTime::try_now()) {
-            self.cpu_seconds.push((stage, end.duration_since(start).as_secs_f64()));
+            add(&mut self.cpu_seconds, stage, end.duration_since(start).as_secs_f64());
         }
         done
+    }
+}
+
+fn add(times: &mut Vec<(Stage, f64)>, stage: Stage, seconds: f64) {
+    match times.last_mut() {
+        Some((last, before)) if *last == stage => *before += seconds,
+        _ => times.push((stage, seconds)),
     }
 }

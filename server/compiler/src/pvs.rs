@@ -58,6 +58,8 @@ pub(crate) fn pairs_at(size: &CellSize, spaces: &[Space], seen: &SpacesSeen) -> 
 const WIDTH_MIN: f32 = 1.0;
 /// No cell is wider, in metres.
 const WIDTH_MAX: f32 = 100_000.0;
+/// How many rows are compared with all others at once: each needs a bit for each cell.
+const MUTUAL_ROWS: usize = 512;
 
 /// The second round: the PVS of cells, given which spaces see which. `progress` hears the share
 /// that is done, from 0 to 1, from any thread. When it breaks, the result is `None`.
@@ -111,11 +113,30 @@ fn each<T: Default + Send>(
 
 /// Keeps the pairs in which each has found the other.
 fn mutual(seen: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
-    let is_mutual = |from: u32, to: u32| seen[to as usize].binary_search(&from).is_ok();
-    seen.par_iter()
-        .enumerate()
-        .map(|(from, row)| row.iter().copied().filter(|&to| is_mutual(from as u32, to)).collect())
-        .collect()
+    let parts = (0..seen.len().div_ceil(MUTUAL_ROWS)).into_par_iter();
+    parts.flat_map_iter(|part| mutual_rows(&seen, part * MUTUAL_ROWS)).collect()
+}
+
+/// Keeps these pairs in some rows, from the first one on. A search in the other's row for each pair
+/// would take longer than all sight lines.
+fn mutual_rows(seen: &[Vec<u32>], first: usize) -> Vec<Vec<u32>> {
+    let rows = &seen[first..seen.len().min(first + MUTUAL_ROWS)];
+    // By row: a bit for each cell that has found it.
+    let words = seen.len().div_ceil(64);
+    let mut found_by = vec![0u64; rows.len() * words];
+    for (from, row) in seen.iter().enumerate() {
+        let start = row.partition_point(|to| (*to as usize) < first);
+        let here = row[start..].iter().map(|to| *to as usize - first);
+        for to in here.take_while(|to| *to < rows.len()) {
+            found_by[to * words + from / 64] |= 1 << (from % 64);
+        }
+    }
+    let found_by = found_by.chunks_exact(words);
+    let kept = rows.iter().zip(found_by).map(|(row, found_by)| {
+        let is_mutual = |to: &u32| found_by[*to as usize / 64] >> (to % 64) & 1 == 1;
+        row.iter().copied().filter(is_mutual).collect()
+    });
+    kept.collect()
 }
 
 fn compressed(row: Vec<u32>) -> RoaringBitmap {
@@ -139,6 +160,20 @@ mod tests {
         subdivide::{CellGrain, Spaces, SubdivisionInput},
     };
     use sightline_oracle::Oracle;
+
+    #[test]
+    fn only_pairs_that_have_found_each_other_are_kept() {
+        let mut rng = SmallRng::seed_from_u64(3);
+        let count = 2 * MUTUAL_ROWS as u32 + 70;
+        let mut row = |_| (0..count).filter(|_| rng.random_bool(0.05)).collect();
+        let seen: Vec<Vec<u32>> = (0..count).map(&mut row).collect();
+        let both = |from: u32, to: u32| seen[to as usize].contains(&from);
+        let naive: Vec<Vec<u32>> = (0..count)
+            .map(|from| seen[from as usize].iter().copied().filter(|to| both(from, *to)).collect())
+            .collect();
+        assert!(naive.iter().map(Vec::len).sum::<usize>() > 1_000);
+        assert!(mutual(seen.clone()) == naive);
+    }
 
     /// A grid of rooms whose walls are whole, have a hole, or are missing; and a few slanted panes.
     fn random_building(rng: &mut SmallRng) -> (Aabb, Vec<[Vec3; 3]>) {

@@ -53,10 +53,7 @@ const ROWS: &[Row] = &[
     // Rooms.
     fails("compile good.glb -o o.slw --rooms absent.toml", &["cannot read absent.toml"]),
     fails("compile good.glb -o o.slw --rooms text.toml", &["text.toml:1"]),
-    fails(
-        "compile good.glb -o o.slw --light none --rooms unknown.toml",
-        &["unknown.toml:4", "no room"],
-    ),
+    fails("compile good.glb -o o.slw --rooms unknown.toml", &["unknown.toml:4", "no room"]),
     // Files to write.
     fails("compile good.glb -o no/o.slw", &["cannot write no/o.slw", "there is no folder no"]),
     fails("compile good.glb -o folder", &["cannot write folder", "it is a folder"]),

@@ -430,11 +430,16 @@ mod tests {
         assert!(valid > 100, "the flips must reach past the first byte");
     }
 
-    /// Calls `check` with each byte changed to every other value.
+    /// Calls `check` with each of the first bytes changed to every other value, and with each bit of
+    /// the others changed.
     fn for_each_flip(original: &[u8], mut check: impl FnMut(&[u8])) {
+        let flips = |i: usize| match i {
+            0..4 => (1..=255).collect(),
+            _ => Vec::from_iter((0..8).map(|bit| 1 << bit)),
+        };
         let mut bytes = original.to_vec();
         for i in 0..bytes.len() {
-            for flip in 1..=255 {
+            for flip in flips(i) {
                 bytes[i] = original[i] ^ flip;
                 check(&bytes);
             }

@@ -39,7 +39,7 @@ fn house() -> Vec<[Vec3; 3]> {
 fn verdict(model: &Model) -> Verdict {
     let options = CompileOptions {
         voxel: Some(0.1),
-        cell: Some(3.0),
+        cell: Some(1.5),
         light: LightMethod::None,
         ..CompileOptions::default()
     };

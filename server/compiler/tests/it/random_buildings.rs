@@ -15,7 +15,7 @@ use sightline_world::{Spawn, World};
 use crate::box_pairs::BoxPairTally;
 
 /// The number of buildings of each kind. Every second one is turned.
-const BUILDINGS: u64 = 20;
+const BUILDINGS: u64 = 12;
 /// The number of pairs in each of the two samples of a building.
 const PAIRS: u64 = 2_000;
 

@@ -409,7 +409,7 @@ proptest! {
 #[test]
 fn the_walks_are_varied() {
     let (mut quiet, mut held, mut reveals) = (0, 0, 0);
-    for seed in 0..20 {
+    for seed in 0..5 {
         let mut crowd = Crowd::new(seed);
         for _ in 0..300 {
             crowd.step();
@@ -419,5 +419,5 @@ fn the_walks_are_varied() {
         }
         reveals += crowd.stage.engine.stats().reveals;
     }
-    assert!(quiet > 500 && held > 2_000 && reveals > 20, "{quiet} {held} {reveals}");
+    assert!(quiet > 100 && held > 500 && reveals > 5, "{quiet} {held} {reveals}");
 }
