@@ -145,6 +145,41 @@ fn what_two_programs_rule_about_somebody_at_once_both_counts() {
     assert_eq!(People::open(Some(folder.path()), 0).unwrap().standing(ADA), both);
 }
 
+#[cfg(feature = "bus")]
+#[test]
+fn what_other_servers_rule_is_kept_and_what_is_ruled_here_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let people = People::open(Some(folder.path()), 0).unwrap();
+    let mut told = people.follow_rulings().unwrap();
+    let subject = Subject::Key(ADA);
+    people.act("Mo", Act::SetMuted(ADA, true), "loud");
+    assert_eq!(told.try_recv(), Ok(subject));
+    let mut other = Ruling::default();
+    other.take(&Act::Ban(subject, "rude".to_owned()), now_ms());
+    let before = people.merge("another station", subject, &other).expect("it is new");
+    assert!(before.muted.is && before.banned.is.is_none());
+    assert_eq!(people.merge("another station", subject, &other), None, "heard again");
+    assert!(told.try_recv().is_err(), "others know of their own rulings");
+    let now = people.ruling(&subject);
+    drop(people);
+
+    let people = People::open(Some(folder.path()), 0).unwrap();
+    assert!(people.is_banned(ADA, None) && people.standing(ADA).is_muted);
+    assert_eq!(people.ruling(&subject), now, "with its dates");
+    let audit = Database::open(folder.path()).unwrap().audit(1).unwrap();
+    let AuditRecord { author, act, reason, .. } = &audit[0];
+    assert_eq!([author.as_str(), act, reason], ["another station", "ban", "rude"]);
+    // What a command of the operator writes is told, too.
+    let mut told = people.follow_rulings().unwrap();
+    let mut operator = Database::open(folder.path()).unwrap();
+    operator.act("operator", Act::SetRole(BO, Role::Owner), "").unwrap();
+    let end = Instant::now() + Duration::from_secs(10);
+    while told.try_recv() != Ok(Subject::Key(BO)) {
+        assert!(Instant::now() < end, "within a second");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
 #[test]
 fn what_was_ruled_before_there_were_dates_still_counts_and_can_be_lifted() {
     let folder = tempfile::tempdir().unwrap();
