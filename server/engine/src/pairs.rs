@@ -95,6 +95,13 @@ impl Pairs {
         until.min(tell) <= tick
     }
 
+    /// Whether sight tests must look at a pair at a tick, by position. Two in one space see each
+    /// other, whatever there is to be told; a look at each such pair is much of the cost of a crowd.
+    pub(crate) fn may_need_test(&self, at: usize, tick: u32) -> bool {
+        let Certificate { until, tell, grounds, .. } = self.certificates[at];
+        until <= tick || tell <= tick && grounds != Grounds::Together
+    }
+
     /// Makes a pair, unless there is one.
     pub(crate) fn start(&mut self, member: Member) {
         match self.position(member.id) {

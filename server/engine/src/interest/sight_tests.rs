@@ -133,7 +133,7 @@ pub(crate) fn test_pairs(
         }
         inputs.end(viewer, pairs);
         for at in 0..pairs.len() {
-            if !pairs.is_due(at, context.tick) {
+            if !pairs.may_need_test(at, context.tick) {
                 continue;
             }
             let (pair, certificate) = pairs.at_mut(at);

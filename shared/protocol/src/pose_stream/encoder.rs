@@ -11,7 +11,7 @@ use sightline_world::motion::{AvatarId, Pose};
 
 use super::{
     Ack, BASELINE_DISTANCE_MAX, DATAGRAM_BYTES_MAX,
-    courses::{Acknowledged, AvatarRecord, Course, SentDatagram},
+    courses::{AvatarRecord, Course, SentDatagram},
     draft::{Baseline, Draft},
     priority::{Rank, Turn, Waiting, weigh},
 };
@@ -36,9 +36,11 @@ const CLOCK_COPIES: u32 = 2;
 const CLEAN_DATAGRAMS: u32 = 128;
 /// The greatest number of unacknowledged poses that are remembered: 28 bytes each, 112 KiB in all.
 const SENT_POSES_MAX: usize = 4_096;
-/// With more courses than this that wait, only the first ones of each turn are looked at closely:
-/// no datagram holds more.
+/// With more courses than this that wait, only this many, the first of each turn, are looked at
+/// closely: no datagram holds more.
 const CANDIDATES_MAX: usize = 160;
+/// What an entry of a datagram takes, in bytes, for a guess at whether all fit.
+const ENTRY_BYTES: usize = 9;
 /// Where more wait, what each gathers is found anew after this number of ticks.
 const REWEIGH_TICKS: u32 = 4;
 
@@ -82,7 +84,6 @@ pub struct PoseEncoder {
 struct Due {
     avatar: AvatarId,
     pose: WirePose,
-    acknowledged: Option<Acknowledged>,
     rank: Rank,
     /// Whether it has waited, and is not the last one again.
     is_new: bool,
@@ -142,7 +143,10 @@ impl PoseEncoder {
             let known = before.next_if(|waiting| waiting.avatar == *avatar);
             self.waiting.push(match known {
                 Some(waiting) => Waiting { course, ..waiting },
-                None => Waiting::new(*avatar, course),
+                None => {
+                    let sent = self.avatars.get(avatar).map(|record| record.course);
+                    Waiting::new(*avatar, course, sent)
+                }
             });
         }
         self.waiting.extend(before);
@@ -277,11 +281,10 @@ impl PoseEncoder {
 
     /// Lets the courses that wait gather priority for a tick.
     fn gather(&mut self) {
-        let Self { tick, interval, from, ref avatars, ref mut waiting, .. } = *self;
+        let Self { tick, interval, from, ref mut waiting, .. } = *self;
         for waiting in waiting {
             if waiting.weighed.is_none_or(|weighed| weighed.saturating_add(REWEIGH_TICKS) <= tick) {
-                let record = avatars.get(&waiting.avatar);
-                let shown = record.map(|record| record.course.at(tick, interval));
+                let shown = waiting.sent.map(|sent| sent.at(tick, interval));
                 let times = [interval * tick.saturating_sub(waiting.since), interval];
                 let pose = waiting.course.at(tick, interval);
                 (waiting.weight, waiting.is_near) = weigh(from, shown.as_ref(), &pose, times);
@@ -308,13 +311,13 @@ impl PoseEncoder {
             let Rank { turn, priority } = self.rank(waiting);
             turns[turn as usize].push((priority, at));
         }
+        // The overdue and the near take turns: each gets half of the places, and what the other
+        // leaves.
+        let [overdue, near, _] = turns.each_ref().map(Vec::len);
+        let beside = |others: usize| CANDIDATES_MAX - others.min(CANDIDATES_MAX / 2);
+        let far = CANDIDATES_MAX.saturating_sub(overdue + near);
         let mut candidates: Vec<u32> = Vec::with_capacity(CANDIDATES_MAX);
-        for (turn, all) in [Turn::Overdue, Turn::Near, Turn::Far].into_iter().zip(&mut turns) {
-            // The overdue and the near take turns, so there must be enough of both.
-            let most = match turn {
-                Turn::Far => CANDIDATES_MAX.saturating_sub(candidates.len()),
-                _ => CANDIDATES_MAX,
-            };
+        for (all, most) in turns.iter_mut().zip([beside(near), beside(overdue), far]) {
             if most < all.len() {
                 all.select_nth_unstable_by(most, |(a, _), (b, _)| b.total_cmp(a));
                 all.truncate(most);
@@ -335,13 +338,11 @@ impl PoseEncoder {
         for at in candidates {
             let waiting = &self.waiting[at as usize];
             let (avatar, pose) = (waiting.avatar, waiting.course.at(tick, interval));
-            let record = self.avatars.get(&avatar);
-            if record.is_some_and(|record| record.course.at(tick, interval) == pose) {
+            if waiting.sent.is_some_and(|sent| sent.at(tick, interval) == pose) {
                 known.push(avatar);
                 continue;
             }
-            let acknowledged = record.and_then(|record| record.acknowledged);
-            due.push(Due { avatar, pose, acknowledged, rank: self.rank(waiting), is_new: true });
+            due.push(Due { avatar, pose, rank: self.rank(waiting), is_new: true });
         }
         self.remove_waiting(&known);
         let new = due.len();
@@ -388,13 +389,7 @@ impl PoseEncoder {
             // Nothing is kept of those that go again: they gather as much at each tick.
             let priority = weight * ticks.max(1) as f32;
             let turn = if must { Turn::of_new(waited, is_near) } else { Turn::Along };
-            due.push(Due {
-                avatar,
-                pose,
-                acknowledged,
-                rank: Rank { turn, priority },
-                is_new: false,
-            });
+            due.push(Due { avatar, pose, rank: Rank { turn, priority }, is_new: false });
         };
         let soonest = resend_ticks.min(copy_ticks).min(REPEAT_TICKS);
         for sent in self.sent.iter_mut().filter(|sent| !sent.is_spent) {
@@ -424,9 +419,11 @@ impl PoseEncoder {
     fn choose(&mut self, mut due: Vec<Due>, room: usize) -> (Draft, Vec<Due>) {
         let mut draft = Draft::default();
         let add = |draft: &mut Draft, due: &Due, encoder: &Self| {
-            draft.add(due.avatar, encoder.baseline(due.acknowledged), due.pose, room)
+            draft.add(due.avatar, encoder.baseline(due.avatar), due.pose, room)
         };
-        let fits = due.iter().all(|due| add(&mut draft, due, self));
+        // Few may fit as they are. Many are brought into an order at once.
+        let may_fit = due.len() * ENTRY_BYTES <= room;
+        let fits = may_fit && due.iter().all(|due| add(&mut draft, due, self));
         if !fits || draft.shrink(room) < due.len() {
             draft.clear();
             due = in_turns(due);
@@ -442,7 +439,8 @@ impl PoseEncoder {
 
     /// The baseline for an avatar in the next datagram: where its newest acknowledged course, if it
     /// is recent enough, leads. Otherwise the default pose.
-    fn baseline(&self, known: Option<Acknowledged>) -> Baseline {
+    fn baseline(&self, avatar: AvatarId) -> Baseline {
+        let known = self.avatars.get(&avatar).and_then(|record| record.acknowledged);
         let Some(known) = known else { return Baseline::default() };
         let distance = self.next_sequence().saturating_sub(known.sequence);
         if distance > BASELINE_DISTANCE_MAX {

@@ -29,6 +29,9 @@ const ERROR_MIN_M: f32 = 0.02;
 pub(super) struct Waiting {
     pub(super) avatar: AvatarId,
     pub(super) course: Course,
+    /// The course that was sent last. It is kept here too, because in a crowd a look at what was
+    /// sent costs more than all else.
+    pub(super) sent: Option<Course>,
     /// The tick since which the viewer is shown something else.
     pub(super) since: u32,
     /// What it has gathered.
@@ -42,9 +45,9 @@ pub(super) struct Waiting {
 
 impl Waiting {
     /// A course that waits since its own tick.
-    pub(super) fn new(avatar: AvatarId, course: Course) -> Self {
+    pub(super) fn new(avatar: AvatarId, course: Course, sent: Option<Course>) -> Self {
         let (priority, weight, is_near, weighed) = (0.0, 0.0, false, None);
-        Self { avatar, course, since: course.tick, priority, weight, is_near, weighed }
+        Self { avatar, course, sent, since: course.tick, priority, weight, is_near, weighed }
     }
 }
 
