@@ -21,7 +21,7 @@ const NOTES_MAX: usize = 65_536;
 const LINES_MAX: usize = 16_384;
 
 /// Whom a ban keeps out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Subject {
     /// The owner of a key.
     Key(KeyFingerprint),

@@ -15,7 +15,7 @@ use super::{
     changes::{Act, Change, Note, Pending, Subject},
     migrations::{self, VERSION},
     role::Role,
-    ruling::{Dated, Ruling, line, now_ms},
+    ruling::{Dated, Ruling, UNDATED, line, now_ms},
     standing::{Standing, Standings},
 };
 
@@ -132,7 +132,8 @@ impl Database {
             if let Some(subject) = subject(&row.get::<_, String>(0)?) {
                 let since = u64::try_from(row.get::<_, i64>(2)?).unwrap_or_default();
                 let reason = line(&row.get::<_, String>(1)?);
-                let banned = Dated { is: Some(reason), at: since.saturating_mul(1_000) };
+                let at = since.saturating_mul(1_000).max(UNDATED);
+                let banned = Dated { is: Some(reason), at };
                 rulings.entry(subject).or_default().banned = banned;
             }
         }
@@ -145,10 +146,11 @@ impl Database {
                 let at =
                     |column| row.get::<_, i64>(column).map(|at| u64::try_from(at).unwrap_or(0));
                 let ruling = rulings.entry(subject).or_default();
-                ruling.role.at = at(1)?;
-                ruling.muted.at = at(2)?;
-                ruling.allowed.at = at(3)?;
-                ruling.banned.at = at(4)?;
+                // What counts has a date, or other stations would ignore it.
+                ruling.role.at = at(1)?.max(ruling.role.at);
+                ruling.muted.at = at(2)?.max(ruling.muted.at);
+                ruling.allowed.at = at(3)?.max(ruling.allowed.at);
+                ruling.banned.at = at(4)?.max(ruling.banned.at);
             }
         }
         for (subject, ruling) in rulings {

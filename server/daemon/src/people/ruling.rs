@@ -8,7 +8,12 @@ use sightline_protocol::text::ChatLine;
 use super::{changes::Act, role::Role, standing::Standing};
 
 /// The date of what older versions noted without one. Whatever was ruled since then is later.
-const UNDATED: u64 = 1;
+pub const UNDATED: u64 = 1;
+
+/// The last date of a ruling, in milliseconds since 1970: the end of the year 2199. A clock that
+/// is wrong shows an earlier one.
+#[cfg(feature = "bus")]
+const DATE_MAX: u64 = 7_258_118_399_999;
 
 /// What was ruled about a subject. Each part has a date of its own, so that what two moderators
 /// do at once both counts.
@@ -91,8 +96,21 @@ impl<T: Clone + Default + PartialEq> Dated<T> {
         Self { is, at }
     }
 
-    fn is_open(&self) -> bool {
+    pub fn is_open(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// Whether it has a date that a clock can show, unless nothing was ruled.
+    #[cfg(feature = "bus")]
+    pub fn is_dated(&self) -> bool {
+        let is_date = (1..=DATE_MAX).contains(&self.at);
+        is_date || self.is_open()
+    }
+
+    /// What was ruled up to some time, in milliseconds since 1970.
+    #[cfg(feature = "bus")]
+    pub fn until(&self, time: u64) -> Self {
+        if self.at <= time { self.clone() } else { Self::default() }
     }
 
     fn set(&mut self, is: T, now: u64) {

@@ -24,6 +24,11 @@ impl People {
         self.shared.standings().ruled()
     }
 
+    /// About how many something was ruled.
+    pub(crate) fn ruled_count(&self) -> usize {
+        self.shared.standings().ruled_count()
+    }
+
     /// What was ruled about somebody.
     pub(crate) fn ruling(&self, subject: &Subject) -> Ruling {
         self.shared.standings().ruling(subject)
@@ -55,11 +60,22 @@ impl People {
 }
 
 impl Ruling {
-    /// Whether a server can have made it by some time, in milliseconds since 1970.
-    pub fn is_sound(&self, by: u64) -> bool {
+    /// Whether a server can have made it, whatever its clock says.
+    pub fn is_sound(&self) -> bool {
         let Self { role, muted, allowed, banned } = self;
         let is_line = banned.is.as_ref().is_none_or(|reason| *reason == line(reason));
-        is_line && [role.at, muted.at, allowed.at, banned.at].iter().all(|at| *at <= by)
+        let is_dated = role.is_dated() && muted.is_dated() && allowed.is_dated();
+        is_line && is_dated && banned.is_dated()
+    }
+
+    /// Those of its parts that were ruled up to some time, in milliseconds since 1970.
+    pub fn until(&self, time: u64) -> Self {
+        Self {
+            role: self.role.until(time),
+            muted: self.muted.until(time),
+            allowed: self.allowed.until(time),
+            banned: self.banned.until(time),
+        }
     }
 
     /// What leads to it from what was ruled about the subject before.

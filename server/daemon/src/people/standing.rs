@@ -51,6 +51,12 @@ impl Standings {
         self.rulings.keys().copied().collect()
     }
 
+    /// About how many something was ruled.
+    #[cfg(feature = "bus")]
+    pub fn ruled_count(&self) -> usize {
+        self.rulings.len()
+    }
+
     /// About whom something else was ruled than in others.
     pub fn differing(&self, other: &Self) -> Vec<Subject> {
         let differs =
