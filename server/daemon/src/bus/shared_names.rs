@@ -55,7 +55,7 @@ pub(super) struct SharedNames {
     client: Client,
     /// Changes whenever NATS is reached.
     connections: watch::Receiver<u32>,
-    requests: mpsc::Receiver<NameRequest>,
+    requests: mpsc::UnboundedReceiver<NameRequest>,
     names: Arc<Names>,
     pauses: Pauses,
     /// Why nothing was shared, as it was told last.
@@ -74,8 +74,19 @@ struct Names {
 #[derive(Clone, Copy, Debug)]
 struct Held {
     owner: KeyFingerprint,
-    /// The revision of the value that says so; `None` while another station's does not.
-    revision: Option<u64>,
+    claim: Claim,
+}
+
+/// What NATS says of a form that one of this station's visitors has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Claim {
+    /// Nothing was written yet. The visitor may have just come from another station.
+    New,
+    /// The value of this revision says that it is this station's.
+    Ours(u64),
+    /// Another station has it: the visitor has gone on to there, or somebody else was given the
+    /// name, too. It is claimed again when nobody has it.
+    Elsewhere,
 }
 
 /// Whose a name is.
@@ -87,18 +98,12 @@ struct Value {
     station: u64,
 }
 
-/// What became of a form.
-enum Outcome {
-    Ours(u64),
-    Taken,
-}
-
 impl SharedNames {
     /// Shares the names of a station that has drawn a random word.
     pub(super) fn new(
         client: Client,
         connections: watch::Receiver<u32>,
-        requests: mpsc::Receiver<NameRequest>,
+        requests: mpsc::UnboundedReceiver<NameRequest>,
         station: u64,
         counters: Arc<BusCounters>,
     ) -> Self {
@@ -179,13 +184,16 @@ impl SharedNames {
                         continue;
                     }
                     match request {
-                        NameRequest::Claim { forms, key, reply } => {
+                        NameRequest::Claim { forms, key, reply, room } => {
+                            drop(room);
                             self.names.hold(&forms, key);
                             let (store, names) = (store.clone(), self.names.clone());
                             tasks.spawn(async move {
                                 let answer = names.claim_all(&store, &forms).await;
-                                // Who asked may have lost patience.
+                                // Who asked may have lost patience, and has the name. Otherwise
+                                // a name that is taken is released.
                                 let _ = reply.send(answer);
+                                Ok(())
                             });
                         }
                         NameRequest::Release { forms } => {
@@ -199,7 +207,9 @@ impl SharedNames {
                     let (store, names) = (store.clone(), self.names.clone());
                     tasks.spawn(async move { names.renew(&store).await });
                 }
-                Some(_) = tasks.join_next() => {}
+                Some(done) = tasks.join_next() => if let Ok(Err(error)) = done {
+                    return Err(error);
+                },
                 changed = self.connections.changed() => return match changed {
                     Ok(()) => Err(BucketError::Failed("the bus was lost".to_owned())),
                     Err(_) => Ok(()),
@@ -228,7 +238,8 @@ impl Names {
     /// Takes in a request while the bus is not there. What is given now is claimed later.
     fn note(&self, request: NameRequest) {
         match request {
-            NameRequest::Claim { forms, key, reply } => {
+            NameRequest::Claim { forms, key, reply, room } => {
+                drop(room);
                 self.hold(&forms, key);
                 // Who asked may have lost patience.
                 let _ = reply.send(NameAnswer::Unknown);
@@ -240,7 +251,7 @@ impl Names {
     fn hold(&self, forms: &[String], owner: KeyFingerprint) {
         let mut held = self.held();
         for form in forms {
-            held.insert(key_of(form), Held { owner, revision: None });
+            held.insert(key_of(form), Held { owner, claim: Claim::New });
         }
     }
 
@@ -248,16 +259,22 @@ impl Names {
     fn release(&self, forms: &[String]) -> Vec<(String, u64)> {
         let mut held = self.held();
         let released = forms.iter().map(|form| key_of(form)).filter_map(|key| {
-            let revision = held.remove(&key)?.revision?;
-            Some((key, revision))
+            match held.remove(&key)?.claim {
+                Claim::Ours(revision) => Some((key, revision)),
+                Claim::New | Claim::Elsewhere => None,
+            }
         });
         released.collect()
     }
 
-    /// Claims all forms of a name, or none.
+    /// Claims all forms of a name.
     async fn claim_all(&self, store: &Store, forms: &[String]) -> NameAnswer {
         let answer = self.claim_each(store, forms).await;
-        self.counters.count_name(answer == NameAnswer::Taken);
+        match answer {
+            NameAnswer::Ours => self.counters.count_name(false),
+            NameAnswer::Taken => self.counters.count_name(true),
+            NameAnswer::Unknown => {}
+        }
         answer
     }
 
@@ -265,13 +282,7 @@ impl Names {
         for form in forms {
             match self.claim(store, &key_of(form)).await {
                 Ok(true) => {}
-                Ok(false) => {
-                    for (key, revision) in self.release(forms) {
-                        // What is not removed lapses.
-                        let _ = store.delete_expect_revision(key, Some(revision)).await;
-                    }
-                    return NameAnswer::Taken;
-                }
+                Ok(false) => return NameAnswer::Taken,
                 Err(error) => {
                     tracing::debug!(%error, "a name is not claimed");
                     return NameAnswer::Unknown;
@@ -284,65 +295,75 @@ impl Names {
     /// Claims or renews a key that one of this station's visitors has. Returns whether it is ours.
     async fn claim(&self, store: &Store, key: &str) -> Result<bool, BucketError> {
         let Some(before) = self.held().get(key).copied() else { return Ok(true) };
-        let outcome = self.write(store, key, before).await?;
-        if let Outcome::Ours(revision) = outcome
-            && !self.note_revision(key, before.owner, Some(revision))
+        let claim = self.write(store, key, before).await?;
+        let is_held = self.note_claim(key, before.owner, claim);
+        if let Claim::Ours(revision) = claim
+            && !is_held
         {
             // Its owner has left meanwhile. What is not removed lapses.
             let _ = store.delete_expect_revision(key, Some(revision)).await;
         }
-        if let Outcome::Taken = outcome {
-            self.note_revision(key, before.owner, None);
-            return Ok(false);
-        }
-        Ok(true)
+        Ok(claim != Claim::Elsewhere)
     }
 
-    /// Notes the revision of a key that a visitor has. Returns whether it still has it.
-    fn note_revision(&self, key: &str, owner: KeyFingerprint, revision: Option<u64>) -> bool {
+    /// Notes what NATS says of a key that a visitor has. Returns whether it still has it.
+    fn note_claim(&self, key: &str, owner: KeyFingerprint, claim: Claim) -> bool {
         let mut held = self.held();
         let Some(now) = held.get_mut(key).filter(|now| now.owner == owner) else { return false };
-        now.revision = revision;
+        now.claim = claim;
         true
     }
 
-    /// Writes that a visitor of this station has a name, unless another one's visitor does.
-    async fn write(&self, store: &Store, key: &str, held: Held) -> Result<Outcome, BucketError> {
+    /// Writes that a visitor of this station has a name, unless another one's visitor does. Returns
+    /// what NATS says then.
+    async fn write(&self, store: &Store, key: &str, held: Held) -> Result<Claim, BucketError> {
         let own = Value { key: held.owner.to_string(), station: self.station };
         let value: Bytes = serde_json::to_vec(&own).map_err(BucketError::failed)?.into();
-        let mut revision = held.revision.unwrap_or_default();
+        let mut revision = match held.claim {
+            Claim::Ours(revision) => revision,
+            Claim::New | Claim::Elsewhere => 0,
+        };
         for _ in 0..ATTEMPTS_MAX {
             match store.update(key, value.clone(), revision).await {
-                Ok(revision) => return Ok(Outcome::Ours(revision)),
+                Ok(revision) => return Ok(Claim::Ours(revision)),
                 Err(error) if error.kind() == UpdateErrorKind::WrongLastRevision => {}
                 Err(error) => return Err(BucketError::failed(error)),
             }
             match store.entry(key).await.map_err(BucketError::failed)? {
                 None => revision = 0,
-                Some(there) if may_replace(there.operation, &there.value, &own, held.revision) => {
+                Some(there) if may_replace(there.operation, &there.value, &own, held.claim) => {
                     revision = there.revision;
                 }
-                Some(_) => return Ok(Outcome::Taken),
+                Some(_) => return Ok(Claim::Elsewhere),
             }
         }
-        Ok(Outcome::Taken)
+        Ok(Claim::Elsewhere)
     }
 
     /// Renews all names, and claims those that were given without the bus.
-    async fn renew(&self, store: &Store) {
+    ///
+    /// # Errors
+    /// When that fails for each of them: the bucket may be gone.
+    async fn renew(&self, store: &Store) -> Result<(), BucketError> {
         let keys: Vec<String> = self.held().keys().cloned().collect();
         let renew = |key: String| async move { self.claim(store, &key).await.map(drop) };
-        let failed = stream::iter(keys).map(renew).buffer_unordered(AT_ONCE);
-        let failed = failed.filter_map(|renewed| std::future::ready(renewed.err()));
-        if let Some(error) = std::pin::pin!(failed).next().await {
-            tracing::debug!(%error, "names are not renewed");
-        }
+        let renewed = stream::iter(keys).map(renew).buffer_unordered(AT_ONCE);
+        let renewed: Vec<Result<(), BucketError>> = renewed.collect().await;
+        whole_failure(renewed).map_or(Ok(()), Err)
     }
+}
+
+/// An error, if there is nothing else.
+fn whole_failure(results: Vec<Result<(), BucketError>>) -> Option<BucketError> {
+    let is_whole = results.iter().all(Result::is_err);
+    let error = results.into_iter().find_map(Result::err)?;
+    tracing::debug!(%error, "names are not renewed");
+    is_whole.then_some(error)
 }
 
 /// Whether a value may be replaced: it is gone, this station's own, which gives each name once, or
 /// the same visitor's, who has just come from another station.
-fn may_replace(operation: Operation, value: &[u8], own: &Value, renewed: Option<u64>) -> bool {
+fn may_replace(operation: Operation, value: &[u8], own: &Value, claim: Claim) -> bool {
     if operation != Operation::Put {
         return true;
     }
@@ -350,7 +371,7 @@ fn may_replace(operation: Operation, value: &[u8], own: &Value, renewed: Option<
     let there = there.and_then(|value| serde_json::from_slice::<Value>(value).ok());
     // A visitor that has gone on to another station keeps its name there.
     there.is_some_and(|there| {
-        there.station == own.station || (there.key == own.key && renewed.is_none())
+        there.station == own.station || (there.key == own.key && claim == Claim::New)
     })
 }
 
@@ -372,16 +393,40 @@ mod tests {
         let value =
             |key: u8, station| Value { key: KeyFingerprint([key; 10]).to_string(), station };
         let own = value(1, 7);
-        let may =
-            |operation, value: Vec<u8>, renewed| may_replace(operation, &value, &own, renewed);
+        let may = |operation, value: Vec<u8>, claim| may_replace(operation, &value, &own, claim);
         let bytes = |value: &Value| serde_json::to_vec(value).unwrap();
         let (mine, anothers, moved) = (value(2, 7), value(2, 8), value(1, 8));
-        assert!(may(Put, bytes(&own), Some(2)) && may(Put, bytes(&mine), None));
-        assert!(!may(Put, bytes(&anothers), None) && may(Delete, bytes(&anothers), None));
-        assert!(may(Put, bytes(&moved), None), "it comes from another station");
-        assert!(!may(Put, bytes(&moved), Some(2)), "it has gone on to another station");
-        for noise in [&b""[..], b"{", b"null", &[b'x'; 999]] {
-            assert!(!may(Put, noise.to_vec(), None));
+        assert!(may(Put, bytes(&own), Claim::Ours(2)) && may(Put, bytes(&mine), Claim::New));
+        assert!(!may(Put, bytes(&anothers), Claim::New));
+        assert!(may(Put, bytes(&moved), Claim::New), "it comes from another station");
+        for gone in [Claim::Ours(2), Claim::Elsewhere] {
+            assert!(!may(Put, bytes(&moved), gone), "it has gone on to another station");
+            assert!(may(Delete, bytes(&moved), gone), "it has left that one");
         }
+        for noise in [&b""[..], b"{", b"null", &[b'x'; 999]] {
+            assert!(!may(Put, noise.to_vec(), Claim::New));
+        }
+    }
+
+    #[test]
+    fn only_what_this_station_has_written_is_removed() {
+        let names = Names { station: 7, counters: Arc::default(), held: Mutex::default() };
+        let owner = KeyFingerprint([1; 10]);
+        let forms = ["ada", "bo", "cy"].map(str::to_owned);
+        names.hold(&forms, owner);
+        let key = key_of("ada");
+        assert!(names.note_claim(&key, owner, Claim::Ours(2)));
+        assert!(names.note_claim(&key_of("bo"), owner, Claim::Elsewhere));
+        assert!(!names.note_claim(&key, KeyFingerprint([2; 10]), Claim::Ours(3)), "another's");
+        assert_eq!(names.release(&forms), [(key.clone(), 2)]);
+        assert!(!names.note_claim(&key, owner, Claim::Ours(4)), "its owner has left");
+    }
+
+    #[test]
+    fn a_round_fails_when_nothing_is_renewed() {
+        let error = || Err(BucketError::NoJetStream);
+        assert_eq!(whole_failure(vec![error(), error()]), Some(BucketError::NoJetStream));
+        assert_eq!(whole_failure(vec![error(), Ok(())]), None);
+        assert_eq!(whole_failure(Vec::new()), None);
     }
 }

@@ -32,6 +32,8 @@ const VISITOR: &str = "Visitor";
 /// Small numbers are tried first, then random ones up to this.
 const SMALL_NUMBERS: std::ops::RangeInclusive<u64> = 2..=9;
 const NUMBER_MAX: u64 = 999_999;
+/// When other stations have this many of the names that were tried, only random numbers are.
+const TAKEN_MAX: usize = 4;
 
 /// What a name looks like. Two names with a form in common look alike.
 type Forms = [String; 2];
@@ -82,7 +84,9 @@ impl Names {
             || RESERVED.iter().any(|name| look_alike(&forms(name), &forms(wanted.as_str())));
         let base = if is_reserved { VISITOR } else { wanted.as_str() };
         let random = RandomState::new();
-        let numbers = SMALL_NUMBERS.chain((0..).map(|i: u64| random.hash_one(i) % NUMBER_MAX));
+        // Each that another station has taken costs a question on the bus.
+        let small = SMALL_NUMBERS.filter(|_| taken.len() < TAKEN_MAX);
+        let numbers = small.chain((0..).map(|i: u64| random.hash_one(i) % NUMBER_MAX));
         let mut candidates = std::iter::once(Name::clipped(base))
             .chain(numbers.map(|number| numbered(base, number)));
         // There are more numbers than clients.
@@ -175,6 +179,10 @@ mod tests {
         assert_eq!(claim(&mut names, 3, "Ada 2"), "Ada 2 2");
         names.release(AvatarId(1));
         assert_eq!(claim(&mut names, 4, "Ada"), "Ada");
+        let taken = ["Cy", "Cy 2", "Cy 3", "Cy 4"].map(|name| Name::new(name).unwrap());
+        let kept = [3, 4].map(|known| names.keep(&taken[0], &taken[..known]));
+        assert!(kept[0] == taken[3] && kept[1].as_str() != "Cy 5", "{kept:?}");
+        kept.iter().for_each(|name| names.drop_kept(name));
         let long = "x".repeat(NAME_CHARS_MAX);
         assert_eq!(claim(&mut names, 5, &long), long);
         assert_eq!(claim(&mut names, 6, &long).chars().count(), NAME_CHARS_MAX);
