@@ -100,9 +100,15 @@ async fn a_network_is_banned_as_a_whole() {
     let ada_at = options(&server, "Ada", WEST);
     let ada = connect(address, &ada_at).await.unwrap();
     let network: Subject = "127.0.0.1".parse().unwrap();
+    let mo_at = options(&server, "Mo", WEST);
+    server.moderation().set_role(Author::Operator, key(&mo_at), Role::Moderator).unwrap();
+    let mo = connect(address, &mo_at).await.unwrap();
     server.moderation().ban(Author::Operator, network, "enough").unwrap();
     is_told(&ada, "you are banned: enough").await;
     is_refused(address, &options(&server, "Bo", WEST), Refusal::Banned).await;
+    assert_eq!(mo.end(), None, "the ban of a network is about visitors");
+    mo.leave().await;
+    let _mo = connect(address, &mo_at).await.unwrap();
     server.moderation().unban(Author::Operator, network).unwrap();
     connect(address, &ada_at).await.unwrap();
 }

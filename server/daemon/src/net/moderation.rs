@@ -155,7 +155,8 @@ impl Moderation {
 
     /// Removes those who are here and are banned now.
     pub(super) fn remove_banned(&self, subject: Subject, reason: &str) {
-        for key in self.keys_of(subject) {
+        let keys = self.keys_of(subject).into_iter();
+        for key in keys.filter(|key| self.is_banned(*key)) {
             self.remove(key, &told("you are banned", reason));
         }
     }

@@ -95,10 +95,12 @@ impl People {
         self.shared.standings().of(key)
     }
 
-    /// Whether a visitor is kept out, by its key or, if its address is known, by its network.
+    /// Whether a visitor is kept out, by its key or, if its address is known, by its network. The ban
+    /// of a network is about visitors: moderators and owners of it come in.
     pub fn is_banned(&self, key: KeyFingerprint, address: impl Into<Option<IpAddr>>) -> bool {
-        let network = address.into().map(Subject::of);
         let standings = self.shared.standings();
+        let network = address.into().map(Subject::of);
+        let network = network.filter(|_| standings.of(key).role == Role::Visitor);
         let mut subjects = [Some(Subject::Key(key)), network].into_iter().flatten();
         subjects.any(|subject| standings.is_banned(&subject))
     }

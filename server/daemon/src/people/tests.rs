@@ -10,6 +10,7 @@ use super::*;
 
 const ADA: KeyFingerprint = KeyFingerprint([1; 10]);
 const BO: KeyFingerprint = KeyFingerprint([2; 10]);
+const CY: KeyFingerprint = KeyFingerprint([3; 10]);
 
 fn place(people: &People, key: KeyFingerprint, building: &str) -> Option<Vec3> {
     people.last_place(key, building).map(|(eye, _)| eye)
@@ -72,8 +73,9 @@ fn a_restarted_server_remembers_everything() {
     assert_eq!((ada.role, ada.is_muted), (Role::Owner, false));
     assert_eq!((bo.role, bo.is_muted), (Role::Visitor, true));
     assert!(people.is_banned(BO, there) && !people.is_banned(ADA, there));
-    assert!(people.is_banned(ADA, network("2001:db8::8")), "the whole network");
-    assert!(!people.is_banned(ADA, network("2001:db8:0:1::7")));
+    assert!(people.is_banned(CY, network("2001:db8::8")), "the whole network");
+    assert!(!people.is_banned(ADA, network("2001:db8::8")), "but not its owner");
+    assert!(!people.is_banned(CY, network("2001:db8:0:1::7")));
     assert_eq!(place(&people, ADA, "house"), Some(Vec3::new(1.0, 2.0, 3.5)));
     assert_eq!((place(&people, ADA, "other"), place(&people, BO, "house")), (None, None));
     people.note_places(&house, &[(ADA, Vec3::ONE)]);
