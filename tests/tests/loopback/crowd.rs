@@ -54,6 +54,7 @@ async fn visitors_of_a_swarm_hold_all_avatars_in_view() {
     let report = swarm::run(server.local_addr().unwrap(), &options, check).await.unwrap();
     assert!(in_view > 50, "pairs were in view only {in_view} times");
     assert!(worst < LATE_MAX, "an avatar in view was not held for {worst} snapshots");
+    assert!(report.looks > 100, "few pairs were looked at: {report:?}");
     assert!(report.misses == 0 || worst > 4, "the swarm's own count has no more: {report:?}");
     assert_eq!((report.clients, report.refused, report.disconnected), (8, 0, 0));
     assert_eq!(report.corrections, 0, "{report:?}");

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     proxy::Proxy,
-    stranger::{Stranger, hello},
+    stranger::{Stranger, hello_as},
 };
 
 /// Joins through a proxy, or another address.
@@ -151,7 +151,9 @@ async fn a_second_login_that_enters_at_once_goes_on_where_the_first_one_was() {
     let first = Dialer::new(None).connect(address, &ada_at).await.unwrap();
     let second = Stranger::with_identity(address, &ada_at.identity).await;
     let enter = ClientMessage::Enter { world: 1, place: Some(EAST.into()), reports_from: 0 };
-    let _stream = second.send(&[hello(VERSION), frame::encode(&enter)].concat()).await;
+    let _stream = second
+        .send(&[hello_as("Ada", [10, 20, 30], VERSION), frame::encode(&enter)].concat())
+        .await;
     until("the first is told", || first.end().is_some()).await;
     let is_in = || server.stats().clients.values().any(|client| client.reporting_state.is_some());
     until("the second is in the world", is_in).await;
@@ -167,7 +169,7 @@ async fn operators_see_who_is_back_and_has_not_entered_as_joining() {
     let options = options(&server, "Ada", WEST);
     let first = Dialer::new(None).connect(address, &options).await.unwrap();
     let second = Stranger::with_identity(address, &options.identity).await;
-    let _stream = second.send(&hello(VERSION)).await;
+    let _stream = second.send(&hello_as("Ada", [10, 20, 30], VERSION)).await;
     until("the first is told", || first.end().is_some()).await;
     let overview = server.observer().overview().await.unwrap();
     assert_eq!((overview.clients.joining, overview.people.len()), (1, 1));
@@ -216,4 +218,22 @@ async fn clients_are_back_soon_after_the_server_is() {
     assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
     assert!(ada.pose().eye.distance(WEST) < 0.01 && bo.pose().eye.distance(WAY[1]) < 0.01);
     assert_eq!((ada.end(), bo.end()), (None, None));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_comes_again_with_another_name_begins_anew() {
+    let (server, address) = serve(config());
+    let witness = join(&server, "Wes", WEST + Vec3::Z).await;
+    let names = || Vec::from_iter(witness.shown_avatars().into_iter().map(|shown| shown.name));
+    let first = options(&server, "Ada", WEST);
+    let ada = Dialer::new(None).connect(address, &first).await.unwrap();
+    until("Ada is there", || names() == ["Ada"]).await;
+    // The goodbye of the first link has not arrived.
+    let second =
+        ConnectOptions { identity: first.identity.clone(), ..options(&server, "Eve", WEST) };
+    let eve = Dialer::new(None).connect(address, &second).await.unwrap();
+    until("Eve is there, and Ada is not", || names() == ["Eve"]).await;
+    until("Ada's link has ended", || ada.end().is_some()).await;
+    eve.leave().await;
+    until("nobody is there", || names().is_empty()).await;
 }

@@ -100,8 +100,13 @@ impl Stranger {
 
 /// A hello message.
 pub fn hello(version: u32) -> Vec<u8> {
-    let name = Name::new("Stranger").unwrap();
-    let (colour, invitation, secret) = ([9; 3], None, None);
+    hello_as("Stranger", [9; 3], version)
+}
+
+/// A hello message of somebody with a name and a colour.
+pub fn hello_as(name: &str, colour: [u8; 3], version: u32) -> Vec<u8> {
+    let name = Name::new(name).unwrap();
+    let (invitation, secret) = (None, None);
     frame::encode(&ClientMessage::Hello { version, name, colour, invitation, secret })
 }
 

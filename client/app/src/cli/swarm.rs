@@ -112,6 +112,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             report.step_p99_ms
         ));
     }
+    if report.looks == 0 {
+        output::note("no pair was looked at for misses, because all visitors leapt all the time");
+    }
     output::write_json(args.json.as_deref(), &report)?;
     let (clients, disconnected) = (report.clients, report.disconnected);
     ensure!(disconnected == 0, "{disconnected} of {clients} visitors were disconnected");
@@ -121,6 +124,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 fn table(report: &SwarmReport) -> String {
     let by_distance = report.promised_errors_by_distance.iter();
     let by_distance = by_distance.map(|band| (band.name(), band.to_string()));
+    // Without anything to compare, a nought would be no praise.
+    let has_compared = !report.promised_errors_by_distance.is_empty();
+    let compared = |figure: f64, unit: &str| match has_compared {
+        true => format!("{figure:.1} {unit}"),
+        false => "-".to_owned(),
+    };
     let rows = [
         ("visitors", format!("{}", report.clients)),
         ("refused", format!("{}", report.refused)),
@@ -145,17 +154,15 @@ fn table(report: &SwarmReport) -> String {
         ("age of poses, 99th percentile", format!("{:.0} ms", report.age_p99_ms)),
         ("age of poses, oldest", format!("{:.0} ms", report.age_max_ms)),
         ("shown off by, 99th percentile", format!("{:.1} cm", report.shown_error_p99_m * 100.0)),
-        ("off the promise, median", format!("{:.1} cm", report.promised_error_p50_m * 100.0)),
-        (
-            "off the promise, 99th percentile",
-            format!("{:.1} cm", report.promised_error_p99_m * 100.0),
-        ),
-        ("turned off it, median", format!("{:.1} degrees", report.promised_error_p50_deg)),
-        ("turned off it, 99th percentile", format!("{:.1} degrees", report.promised_error_p99_deg)),
+        ("off the promise, median", compared(report.promised_error_p50_m * 100.0, "cm")),
+        ("off the promise, 99th percentile", compared(report.promised_error_p99_m * 100.0, "cm")),
+        ("turned off it, median", compared(report.promised_error_p50_deg, "degrees")),
+        ("turned off it, 99th percentile", compared(report.promised_error_p99_deg, "degrees")),
         ("certainty, 99th percentile", format!("{:.0} ms", report.certainty_p99_ms)),
         ("round trip", format!("{:.1} ms", report.round_trip_ms)),
         ("corrections", format!("{}", report.corrections)),
         ("misses", format!("{}", report.misses)),
+        ("pairs looked at for misses", format!("{}", report.looks)),
         ("time between steps, 99th perc.", format!("{:.0} ms", report.step_p99_ms)),
         ("processor time of the swarm", format!("{:.0} %", report.swarm_cpu * 100.0)),
     ];

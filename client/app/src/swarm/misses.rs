@@ -26,6 +26,7 @@ pub struct Misses {
     /// The viewer whose turn is next.
     turn: AvatarId,
     count: usize,
+    looks: u64,
 }
 
 /// A viewer and another avatar.
@@ -45,6 +46,11 @@ impl Misses {
         self.count
     }
 
+    /// How often a pair was looked at.
+    pub fn looks(&self) -> u64 {
+        self.looks
+    }
+
     /// Looks at the pairs whose turn it is, and at those that were in sight and not held before.
     pub fn observe(&mut self, snapshot: &SwarmSnapshot, sight: &Sight) {
         let now = snapshot.elapsed;
@@ -56,6 +62,7 @@ impl Misses {
         }
         for pair in pairs {
             let both = visitors.get(&pair.0).zip(visitors.get(&pair.1));
+            self.looks += u64::from(both.is_some());
             if !both.is_some_and(|(viewer, other)| is_unheld(viewer, other, sight)) {
                 continue;
             }

@@ -210,7 +210,7 @@ pub async fn run(
             if members.iter().all(are_here) {
                 statistics.observe(&snapshot, &grounds.sight);
                 misses.observe(&snapshot, &grounds.sight);
-                statistics.misses = misses.count();
+                (statistics.misses, statistics.looks) = (misses.count(), misses.looks());
             }
             observer(&snapshot);
         }

@@ -47,6 +47,9 @@ pub struct SwarmReport {
     /// How often a visitor was in another's sight for more than half a second and the other did not
     /// hold it. In a large swarm only a part of the pairs is looked at at a time.
     pub misses: usize,
+    /// How often a pair was looked at for that. Visitors that have leapt are left out for a while,
+    /// so a swarm that is late looks at none.
+    pub looks: u64,
     /// The measured time, in seconds.
     pub seconds: f64,
     /// How long it took until all visitors were in, in seconds.
@@ -135,6 +138,7 @@ pub struct SwarmStatistics {
     pub corrections: usize,
     pub disconnected: usize,
     pub misses: usize,
+    pub looks: u64,
     joining: Joining,
     /// The times between steps.
     steps: Vec<Duration>,
@@ -171,6 +175,7 @@ impl SwarmStatistics {
             corrections: 0,
             disconnected: 0,
             misses: 0,
+            looks: 0,
             joining,
             steps: Vec::new(),
             used: [own.usage(), Process::usage_of(&servers)],
@@ -275,6 +280,7 @@ impl SwarmStatistics {
             returned: end.iter().map(|stats| stats.returns as usize).sum(),
             corrections: self.corrections,
             misses: self.misses,
+            looks: self.looks,
             seconds,
             joined_s: self.joining.whole.as_secs_f64(),
             join_p50_ms: ms(&self.joining.times, 50),

@@ -31,6 +31,8 @@ pub struct Visit {
     pub avatar: AvatarId,
     /// The name that others see.
     pub name: Name,
+    /// The name that the visitor asked for.
+    pub wanted: Name,
     /// The avatar's colour, sRGB.
     pub colour: [u8; 3],
     /// Whether the avatar is in the world, or was when the world ended.
@@ -88,9 +90,15 @@ impl FormerPlace {
 
 impl Visit {
     /// A visitor that has just come in.
-    pub fn new(key: KeyFingerprint, avatar: AvatarId, name: Name, colour: [u8; 3]) -> Self {
+    pub fn new(key: KeyFingerprint, avatar: AvatarId, name: Name, hello: &Hello) -> Self {
         let (has_entered, former) = Default::default();
-        Self { key, avatar, name, colour, has_entered, former }
+        let (wanted, colour) = (hello.name.clone(), hello.colour);
+        Self { key, avatar, name, wanted, colour, has_entered, former }
+    }
+
+    /// Whether a visitor who says this goes on with the visit.
+    pub fn goes_on_with(&self, hello: &Hello) -> bool {
+        self.wanted == hello.name && self.colour == hello.colour
     }
 
     /// Notes where it was when its world ended, or when its link broke.

@@ -3,6 +3,7 @@
 use std::{net::IpAddr, num::NonZeroU32, sync::Arc, time::Duration};
 
 use sightline_protocol::{VERSION, fingerprint::KeyFingerprint, message::Refusal, text::ChatLine};
+use sightline_world::motion::AvatarId;
 use tokio::sync::oneshot;
 
 use super::{
@@ -54,6 +55,9 @@ pub async fn admit(state: &ServerState, arrival: Arrival) -> Result<Arc<Connecte
         return Err(Refusal::NoKey);
     };
     check_access(state, key, &arrival)?;
+    if let Some(avatar) = end_earlier_visit(state, key, &arrival.hello) {
+        state.tell_engine(EngineEvent::Leave(avatar)).await;
+    }
     // Who is here already has a name.
     let is_here = state.registry().visitors.get(key).is_some();
     let mut name = match is_here {
@@ -103,6 +107,19 @@ fn check_ban(state: &ServerState, key: KeyFingerprint, address: IpAddr) -> Resul
         return Err(Refusal::Banned);
     }
     Ok(())
+}
+
+/// Ends the visit of a key's owner who comes again with another name or colour, and so begins anew.
+/// A page that closes its link at once may lose its goodbye. Returns the avatar that has left.
+fn end_earlier_visit(state: &ServerState, key: KeyFingerprint, hello: &Hello) -> Option<AvatarId> {
+    let mut registry = state.registry();
+    let before = registry.visitors.get(key)?.clone();
+    if before.visit.goes_on_with(hello) {
+        return None;
+    }
+    before.replace(REPLACED);
+    leave(&mut registry, &before);
+    Some(before.avatar())
 }
 
 fn let_in(
@@ -155,7 +172,7 @@ fn let_in(
                     name
                 }
             };
-            Arc::new(Visit::new(key, avatar, name, hello.colour))
+            Arc::new(Visit::new(key, avatar, name, &hello))
         }
     };
     let (config, metrics) = (&state.config, state.metrics.clone());
