@@ -64,7 +64,7 @@ impl Nats {
         write!(stream, "{hello}\r\nPUB {subject} test.answer {}\r\n", bytes.len()).unwrap();
         stream.write_all(bytes).unwrap();
         stream.write_all(b"\r\nPING\r\n").unwrap();
-        // What was sent is read once the answer to the ping is there.
+        // The answer to the ping says that all sent before was read.
         let mut said = Vec::new();
         let mut byte = [0];
         while !said.ends_with(b"PONG\r\n") {

@@ -287,7 +287,7 @@ impl SharedPeople {
     /// Takes in what NATS has of somebody.
     fn take_in(&mut self, subject: Subject, value: &[u8], revision: u64, is_removed: bool) {
         let read = if is_removed { Ok(Ruling::default()) } else { read(value) };
-        // What is broken counts for nothing, and this station's own word takes its place.
+        // A broken value counts for nothing. This station's own word takes its place.
         let ruling = read.unwrap_or_else(|why| {
             self.complain(&key_of(&subject), why);
             Ruling::default()
