@@ -9,11 +9,15 @@ use async_nats::{
         consumer::{DeliverPolicy, push::OrderedConfig},
         context::AccountErrorKind,
         kv::{Config, Store},
+        stream::StorageType,
     },
 };
+use serde::de::DeserializeOwned;
 
 /// How long JetStream may take to answer.
 const ANSWER_PATIENCE: Duration = Duration::from_secs(3);
+/// The most bytes of all values of a bucket in memory together.
+const LAPSING_BYTES_MAX: i64 = 64 * 1_024 * 1_024;
 /// How long to wait after NATS has refused something, or had no JetStream: this long at first, and
 /// twice as long each time, up to the longest.
 const RETRY_FIRST: Duration = Duration::from_secs(2);
@@ -57,6 +61,32 @@ impl BucketError {
     pub(super) fn failed(error: impl std::fmt::Display) -> Self {
         Self::Failed(error.to_string())
     }
+}
+
+/// What a bucket in memory is made like whose values lapse after a time. A value has at most this
+/// number of bytes.
+pub(super) fn lapsing(
+    bucket: &str,
+    description: &str,
+    value_max: usize,
+    lasts: Duration,
+) -> Config {
+    Config {
+        bucket: bucket.to_owned(),
+        description: description.to_owned(),
+        max_value_size: i32::try_from(value_max).unwrap_or(i32::MAX),
+        max_bytes: LAPSING_BYTES_MAX,
+        max_age: lasts,
+        history: 1,
+        storage: StorageType::Memory,
+        ..Config::default()
+    }
+}
+
+/// Reads a value of at most this number of bytes; `None` when it has another form.
+pub(super) fn read<T: DeserializeOwned>(value: &[u8], value_max: usize) -> Option<T> {
+    let value = Some(value).filter(|value| value.len() <= value_max)?;
+    serde_json::from_slice(value).ok()
 }
 
 /// Opens a bucket as it is, or makes it.

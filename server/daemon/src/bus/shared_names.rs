@@ -15,10 +15,7 @@ use std::{
 use async_nats::{
     Client, HeaderMap,
     connection::State,
-    jetstream::{
-        kv::{Config, Operation, Store, UpdateErrorKind},
-        stream::StorageType,
-    },
+    jetstream::kv::{Operation, Store, UpdateErrorKind},
 };
 use bytes::Bytes;
 use futures_util::{FutureExt, StreamExt, stream};
@@ -39,8 +36,6 @@ use crate::operate::BusCounters;
 const BUCKET: &str = "sightline-names";
 /// The most bytes of a value.
 const VALUE_MAX: usize = 256;
-/// The most bytes of all values together.
-const BUCKET_MAX: i64 = 64 * 1_024 * 1_024;
 /// After this time the names of a dead station are free. Each is renewed three times within it.
 const LASTS: Duration = Duration::from_secs(30);
 /// The least time that names of a bucket which somebody else has made may last.
@@ -157,16 +152,7 @@ impl SharedNames {
 
     /// Claims and renews names, until NATS is lost or the server ends.
     async fn share(&mut self) -> Result<(), BucketError> {
-        let config = Config {
-            bucket: BUCKET.to_owned(),
-            description: "names of visitors of Sightline".to_owned(),
-            max_value_size: VALUE_MAX as i32,
-            max_bytes: BUCKET_MAX,
-            max_age: LASTS,
-            history: 1,
-            storage: StorageType::Memory,
-            ..Config::default()
-        };
+        let config = buckets::lapsing(BUCKET, "names of visitors of Sightline", VALUE_MAX, LASTS);
         let store = buckets::open(&self.client, config).await?;
         self.told = None;
         self.pauses = Pauses::default();
@@ -367,8 +353,7 @@ fn may_replace(operation: Operation, value: &[u8], own: &Value, claim: Claim) ->
     if operation != Operation::Put {
         return true;
     }
-    let there = Some(value).filter(|value| value.len() <= VALUE_MAX);
-    let there = there.and_then(|value| serde_json::from_slice::<Value>(value).ok());
+    let there: Option<Value> = buckets::read(value, VALUE_MAX);
     // A visitor that has gone on to another station keeps its name there.
     there.is_some_and(|there| {
         there.station == own.station || (there.key == own.key && claim == Claim::New)

@@ -9,10 +9,7 @@ use std::{collections::HashMap, panic::AssertUnwindSafe, sync::Arc, time::Durati
 use async_nats::{
     Client,
     connection::State,
-    jetstream::{
-        kv::{Config, Operation, Store, UpdateErrorKind},
-        stream::StorageType,
-    },
+    jetstream::kv::{Operation, Store, UpdateErrorKind},
 };
 use futures_util::FutureExt;
 use glam::Vec3;
@@ -34,8 +31,6 @@ use crate::people::now_ms;
 const BUCKET: &str = "sightline-places";
 /// The most bytes of a value.
 const VALUE_MAX: usize = 1_024;
-/// The most bytes of all values together.
-const BUCKET_MAX: i64 = 64 * 1_024 * 1_024;
 /// How long places are kept. Each station has them in its own database for longer.
 const LASTS: Duration = Duration::from_secs(86_400);
 /// How often the places of those who move are written.
@@ -128,16 +123,8 @@ impl SharedPlaces {
 
     /// Shares until NATS is lost or the server ends.
     async fn share(&mut self) -> Result<(), BucketError> {
-        let config = Config {
-            bucket: BUCKET.to_owned(),
-            description: "last places of visitors of Sightline".to_owned(),
-            max_value_size: VALUE_MAX as i32,
-            max_bytes: BUCKET_MAX,
-            max_age: LASTS,
-            history: 1,
-            storage: StorageType::Memory,
-            ..Config::default()
-        };
+        let config =
+            buckets::lapsing(BUCKET, "last places of visitors of Sightline", VALUE_MAX, LASTS);
         let store = buckets::open(&self.client, config).await?;
         self.pauses = Pauses::default();
         let mut turns = interval(INTERVAL);
@@ -253,8 +240,7 @@ async fn write_late(store: &Store, moved: Vec<(KeyFingerprint, Moved)>) -> Resul
 
 /// Whether a value is of a later time than another one.
 fn is_later(value: &[u8], at: i64) -> bool {
-    let there = Some(value).filter(|value| value.len() <= VALUE_MAX);
-    let there = there.and_then(|value| serde_json::from_slice::<Value>(value).ok());
+    let there: Option<Value> = buckets::read(value, VALUE_MAX);
     there.is_some_and(|there| (at..=now_s() + AHEAD_MAX_S).contains(&there.at))
 }
 
@@ -272,8 +258,7 @@ async fn last(store: &Store, key: KeyFingerprint, building: &str) -> Option<Shar
 /// Reads a value, if it is about a building of this title. One that is dated ahead would be the last
 /// for as long.
 fn read(value: &[u8], building: &str) -> Option<SharedPlace> {
-    let value = Some(value).filter(|value| value.len() <= VALUE_MAX)?;
-    let Value { building: title, eye, at } = serde_json::from_slice(value).ok()?;
+    let Value { building: title, eye, at } = buckets::read(value, VALUE_MAX)?;
     let eye = Vec3::from_array(eye);
     let is_sound = eye.is_finite() && at <= now_s() + AHEAD_MAX_S;
     (title == building && is_sound).then_some(SharedPlace { eye, at_s: at })
